@@ -82,7 +82,7 @@ class Camera:
         if not (width == int(width) and height == int(height) and 0 < min(self.size) <= max(self.size) <= MAX_SIDE_PX):
             raise CameraError(f"camera: image size {width} x {height} is not between 1 and {MAX_SIDE_PX} pixels a side")
         u0, v0 = self.centre
-        if not (math.isfinite(u0) and abs(u0) <= 10 * MAX_SIDE_PX and math.isfinite(v0) and abs(v0) <= 10 * MAX_SIDE_PX):
+        if not (abs(u0) <= 10 * MAX_SIDE_PX and abs(v0) <= 10 * MAX_SIDE_PX):
             raise CameraError(f"camera: centre ({u0}, {v0}) is not near a picture")
         if not 0.1 < self.aspect < 10:
             raise CameraError(f"camera: aspect {self.aspect} is not between 0.1 and 10")
@@ -193,7 +193,7 @@ class Camera:
         return jacobians
 
     def pixels_per_radian(self, rays: ArrayLike) -> FloatArray:
-        """The smaller of the radial (r') and tangential (r/sin theta) scale at rays (..., 3): pixels that a radian spans."""
+        """Pixels that a radian spans at rays (..., 3): the smaller of the radial (r') and tangential (r/sin theta)."""
         x, y, z = np.moveaxis(np.asarray(rays, float), -1, 0)
         rho = np.hypot(x, y)
         theta = np.arctan2(rho, z)

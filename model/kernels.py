@@ -7,7 +7,7 @@ cell i at t in [0, 1] is ((p3 t + p2) t + p1) t + p0.  One kernel therefore serv
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numba
 import numpy as np
@@ -24,11 +24,10 @@ def _compiled(function: _F) -> _F:
     picture was cut into tiles.  The cache saves seconds at start-up; where no folder for it can be written numba
     raises at import, and the kernel is compiled anew in every process instead.
     """
-    options = {"nogil": True, "error_model": "numpy"}
     try:
-        return numba.njit(cache=True, **options)(function)  # type: ignore[no-any-return]
+        return cast(_F, numba.njit(function, nogil=True, error_model="numpy", cache=True))
     except RuntimeError:
-        return numba.njit(**options)(function)  # type: ignore[no-any-return]
+        return cast(_F, numba.njit(function, nogil=True, error_model="numpy"))
 
 
 @_compiled

@@ -310,4 +310,3 @@ def angle_of_radius(lens: Lens, radius: ArrayLike, theta_limit: float) -> FloatA
             break
         theta = following
     return np.where(inside, theta, np.nan)
-

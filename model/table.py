@@ -151,7 +151,8 @@ def _evaluate(pieces: FloatArray, at: FloatArray) -> FloatArray:
     cell = np.minimum((at * cells).astype(int), cells - 1)
     p0, p1, p2, p3 = pieces[cell].T
     t = at * cells - cell
-    return ((p3 * t + p2) * t + p1) * t + p0
+    value: FloatArray = ((p3 * t + p2) * t + p1) * t + p0
+    return value
 
 
 def _forward_error(camera: Camera, pieces: FloatArray) -> float:
