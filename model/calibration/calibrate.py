@@ -1,0 +1,221 @@
+"""Calibration from known points: measurements -> camera, with what is known about its errors."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from fullsphere.model.calibration.initial import find_start
+from fullsphere.model.calibration.points import Poses, Sightings, View
+from fullsphere.model.calibration.solve import Solution, solve
+from fullsphere.model.camera import Camera
+from fullsphere.model.errors import GeometryError, UsageError
+from fullsphere.model.lens import LENSES, FloatArray, Lens, angle_of_radius
+
+Progress = Callable[[Iterable[Any]], Iterable[Any]]
+"""Wraps an iterable and shows how far it has come."""
+
+_NEAREST_SINGULAR = 1e-12  # of the largest singular value: what is less certain is reported as exactly that uncertain
+_HOPELESS = 0.02  # rms as a share of the picture's longer side: the points are not what the pictures show
+_UNDETERMINED = 0.05  # sigma of r at the outermost point as a share of r: the lens is not observable
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Calibration:
+    """A camera found from known points, and how well.
+
+    Attributes
+    ----------
+    camera
+        Lens, centre, aspect and field of view.
+    images
+        Names of the views, V of them.
+    poses
+        `camera_from_target` (V, 3, 3) and `translation` (V, 3), in the target's unit.
+    residuals_px
+        Predicted minus observed, one (n, 2) array per view.
+    observed_theta_deg
+        Smallest and largest angle from the axis at which a point was seen; beyond, the curve is extrapolated.
+    covariance_factor
+        (P, P) F with covariance = F F^T of `camera.parameter_names`, poses marginalised, scaled by the residual
+        variance (degrees of freedom counted).  Errors of anything that follows from the camera are `norm(J @ F)` by
+        row: the four values of a Bakstein-Pajdla lens are nearly interchangeable, and J @ covariance @ J^T loses
+        every digit.
+    """
+
+    camera: Camera
+    images: tuple[str, ...]
+    poses: Poses
+    residuals_px: tuple[FloatArray, ...]
+    observed_theta_deg: tuple[float, float]
+    covariance_factor: FloatArray
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(P, P) in the order of `camera.parameter_names`; for a curve's errors use `covariance_factor`."""
+        covariance: FloatArray = self.covariance_factor @ self.covariance_factor.T
+        return covariance
+
+    @property
+    def rms_px(self) -> float:
+        """sqrt(mean(du^2 + dv^2)) over all points, nothing rejected."""
+        return math.sqrt(float(np.mean(np.sum(np.concatenate(self.residuals_px) ** 2, -1))))
+
+    @property
+    def points(self) -> int:
+        """Number of points, over all views."""
+        return sum(map(len, self.residuals_px))
+
+    @property
+    def views(self) -> int:
+        """Number of pictures of the target."""
+        return len(self.images)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Curve:
+    """r(theta) sampled: angles (n,) in degrees, radii and their standard deviations (n,) in pixels."""
+
+    theta_deg: FloatArray
+    r_px: FloatArray
+    sigma_px: FloatArray
+
+
+def calibrate(
+    views: Sequence[View],
+    image_size: tuple[int, int],
+    lens: str | type[Lens] = "bakstein-pajdla",
+    *,
+    half_fov: float | None = None,
+    centre: tuple[float, float] | None = None,
+    progress: Progress = iter,
+) -> Calibration:
+    """Calibrate a camera from one or several views of one rigid target.
+
+    Parameters
+    ----------
+    views
+        Where each picture shows the known points.
+    image_size
+        Width and height of the pictures in pixels.
+    lens
+        Kind of lens, by class or by its name in files.
+    half_fov
+        Field of view of the resulting camera in radians from the axis.  Without it: to the largest circle round the
+        centre that fits the picture, or the outermost point where that is further; and only to the outermost point
+        where the fitted curve does not grow as far as that circle.
+    centre
+        A candidate for the image centre, as of a visible image circle; it may be wrong.
+    progress
+        Wraps the starts that are tried.
+
+    Raises
+    ------
+    GeometryError
+        If the points do not determine the camera: too few, on a line, not what the pictures show, not convergent.
+    UsageError
+        If there is no such lens.
+    CameraError
+        If `image_size` or `half_fov` make no camera.
+    """
+    kind = _kind(lens)
+    sightings = Sightings.of(views)
+    _check_inside(sightings, image_size)
+    start = find_start(sightings, image_size, kind, centre, progress)
+    solution = solve(sightings, start.camera, start.poses)
+    _check_fit(solution)
+    calibration = _described(sightings, solution, half_fov)
+    _check_determined(calibration)
+    return calibration
+
+
+def curve_of(calibration: Calibration) -> Curve:
+    """The lens's curve in whole degrees over the field of view, with the uncertainty that the covariance gives it."""
+    theta_deg = np.arange(math.floor(math.degrees(calibration.camera.half_fov) + 1e-9) + 1.0)
+    radius = calibration.camera.lens.radius(np.radians(theta_deg))
+    return Curve(theta_deg, radius, _sigma_of_radius(calibration, np.radians(theta_deg)))
+
+
+def _sigma_of_radius(calibration: Calibration, theta: FloatArray) -> FloatArray:
+    by_parameter = calibration.camera.lens.radius_by_parameter(theta)
+    sigma: FloatArray = np.linalg.norm(by_parameter @ calibration.covariance_factor[: by_parameter.shape[-1]], axis=-1)
+    return sigma
+
+
+def _kind(lens: str | type[Lens]) -> type[Lens]:
+    if not isinstance(lens, str):
+        return lens
+    if lens not in LENSES:
+        raise UsageError(f"there is no lens {lens!r}; the lenses are {', '.join(LENSES)}")
+    return LENSES[lens]
+
+
+def _described(sightings: Sightings, solution: Solution, half_fov: float | None) -> Calibration:
+    rays = sightings.rays(solution.poses)
+    theta = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
+    lowest, highest = float(theta.min()), float(theta.max())
+    chosen = _field_of_view(solution.camera, highest) if half_fov is None else half_fov
+    freedom = solution.residuals.size - 6 * len(sightings.images) - len(solution.camera.values)
+    return Calibration(
+        dataclasses.replace(solution.camera, half_fov=chosen),
+        sightings.images,
+        solution.poses,
+        sightings.split(solution.residuals),
+        (math.degrees(lowest), math.degrees(highest)),
+        _inverse_factor(solution.triangle) * math.sqrt(float(np.sum(solution.residuals**2)) / freedom),
+    )
+
+
+def _field_of_view(camera: Camera, observed: float) -> float:
+    """Half the field of view that the picture and the points speak for; see `calibrate`."""
+    (width, height), (u0, v0) = camera.size, camera.centre
+    rim = min(u0, width - 1 - u0, v0 / camera.aspect, (height - 1 - v0) / camera.aspect) + 0.5
+    if rim <= float(camera.lens.radius(observed)):
+        return observed
+    reached = float(angle_of_radius(camera.lens, rim, camera.lens.theta_max * (1 - 1e-6)))
+    return observed if math.isnan(reached) else max(observed, reached)
+
+
+def _inverse_factor(triangle: FloatArray) -> FloatArray:
+    """F with F F^T = (triangle^T triangle)^-1, by SVD of the triangle with columns scaled to length 1."""
+    scale = np.linalg.norm(triangle, axis=0)
+    scale[scale == 0] = 1.0
+    _, singular, vt = np.linalg.svd(triangle / scale)
+    factor: FloatArray = vt.T / np.maximum(singular, _NEAREST_SINGULAR * singular[0]) / scale[:, None]
+    return factor
+
+
+def _check_inside(sightings: Sightings, image_size: tuple[int, int]) -> None:
+    outside = np.any((sightings.pixels < -0.5) | (sightings.pixels > np.array(image_size) - 0.5), axis=1)
+    if outside.any():
+        first = int(np.flatnonzero(outside)[0])
+        u, v = sightings.pixels[first]
+        raise GeometryError(
+            f"{sightings.images[sightings.view[first]]}: the point at ({u:g}, {v:g}) lies outside the picture of "
+            f"{image_size[0]} x {image_size[1]} pixels; check the image size"
+        )
+
+
+def _check_fit(solution: Solution) -> None:
+    if solution.rms_px > _HOPELESS * max(solution.camera.size):
+        raise GeometryError(
+            f"calibration: the best fit found leaves rms {solution.rms_px:.3g} px, so the points are not where the "
+            "pictures show them. Check that rows and columns belong together, that no coordinate is mirrored, and "
+            "try another lens"
+        )
+
+
+def _check_determined(calibration: Calibration) -> None:
+    outermost = math.radians(calibration.observed_theta_deg[1])
+    radius = float(calibration.camera.lens.radius(outermost))
+    sigma = float(_sigma_of_radius(calibration, np.array([outermost]))[0])
+    if sigma > _UNDETERMINED * radius:
+        raise GeometryError(
+            f"calibration: these points do not determine the lens: r({math.degrees(outermost):.0f} degrees) = "
+            f"{radius:.0f} px comes out with a standard deviation of {sigma:.3g} px. Add views from other distances "
+            "and directions, or points at several depths"
+        )
