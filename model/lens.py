@@ -305,8 +305,8 @@ def angle_of_radius(lens: Lens, radius: ArrayLike, theta_limit: float) -> FloatA
             newton = theta - error / lens.slope(theta)
         usable = (newton >= low) & (newton <= high)
         following = np.where(error == 0, theta, np.where(usable, newton, (low + high) / 2))
-        if np.all(np.abs(following - theta) <= 4e-16 * np.maximum(theta, 1e-3)):
-            theta = following
-            break
+        settled = (np.abs(following - theta) <= 1e-15 * theta) | (np.abs(error) <= 4e-16 * target)
         theta = following
+        if settled.all():
+            break
     return np.where(inside, theta, np.nan)

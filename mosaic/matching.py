@@ -1,0 +1,120 @@
+"""Pairs of frames -> links: which keypoints are the same thing, and the rotation between the two cameras."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fullsphere.model.lens import FloatArray
+from fullsphere.mosaic.features import Features
+
+RATIO = 0.8  # Lowe's test: the best match is nearer than this times the second best
+MIN_INLIERS = 12  # chance agreement with a rotation to a hundredth of the sphere's area does not reach it
+_TRIALS = 600
+
+
+class Matches(NamedTuple):
+    """Indices (n,) of the keypoints matched in each of two frames."""
+
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
+
+
+class RotationFit(NamedTuple):
+    """A rotation (3, 3) that takes the rays of one frame into the other's, and the matches (n,) that agree with it."""
+
+    rotation: FloatArray
+    inliers: NDArray[np.bool_]
+
+
+def match_features(a: Features, b: Features) -> Matches:
+    """Mutually best matches that pass the ratio test both ways, by one product of the descriptors."""
+    if len(a) < 2 or len(b) < 2:
+        return Matches(np.empty(0, np.intp), np.empty(0, np.intp))
+    similarity = a.descriptors @ b.descriptors.T
+    forth, clear_forth = _best(similarity)
+    back, clear_back = _best(similarity.T)
+    first = np.flatnonzero(clear_forth & (back[forth] == np.arange(len(a))) & clear_back[forth])
+    return Matches(first, forth[first])
+
+
+def _best(similarity: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """For each row the most similar column, and whether it is clearly nearer than the second (distance^2 = 2 - 2 s)."""
+    best = similarity.argmax(1)
+    rows = np.arange(len(best))
+    top = similarity[rows, best]
+    rest = similarity.copy()
+    rest[rows, best] = -2
+    second = rest.max(1)
+    return best, (1 - top) < RATIO**2 * (1 - second)
+
+
+def fit_rotation(rays_a: FloatArray, rays_b: FloatArray, tolerance: FloatArray, seed: int) -> RotationFit | None:
+    """The rotation most matches agree with: b = R a, by two-ray RANSAC with the MSAC cost, then by least squares.
+
+    Parameters
+    ----------
+    rays_a, rays_b
+        Unit rays (n, 3) of the matches in the two camera frames.
+    tolerance
+        Angle (n,) in radians to which each match must agree.
+    seed
+        Of the random trials.
+
+    Returns
+    -------
+    The fit, or None when fewer than `MIN_INLIERS` matches agree.  Torr & Zisserman 2000 (MSAC); Kabsch 1976.
+    """
+    n = len(rays_a)
+    if n < MIN_INLIERS:
+        return None
+    limit = 2 * np.sin(tolerance / 2)  # the chord of the angle: no arc cosine, exact for small and large angles
+    candidates = _two_ray_rotations(rays_a, rays_b, limit, np.random.default_rng(seed))
+    if len(candidates) == 0:
+        return None
+    turned = np.einsum("tij,nj->tni", candidates, rays_a)
+    cost = np.minimum(((turned - rays_b) ** 2).sum(-1) / limit**2, 1.0).sum(1)
+    rotation = candidates[cost.argmin()]
+    inliers = np.zeros(n, bool)
+    for _ in range(20):
+        now = np.linalg.norm(rays_a @ rotation.T - rays_b, axis=1) < limit
+        if now.sum() < MIN_INLIERS:
+            return None
+        if np.array_equal(now, inliers):
+            break
+        inliers = now
+        rotation = best_rotation(rays_a[inliers], rays_b[inliers], 1 / limit[inliers] ** 2)
+    return RotationFit(rotation, inliers)
+
+
+def best_rotation(rays_a: FloatArray, rays_b: FloatArray, weight: FloatArray) -> FloatArray:
+    """The rotation R (3, 3) that minimises sum of weight |b - R a|^2 (Kabsch 1976)."""
+    u, _, vt = np.linalg.svd((weight[:, None] * rays_b).T @ rays_a)
+    sign = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
+    rotation: FloatArray = u @ sign @ vt
+    return rotation
+
+
+def _two_ray_rotations(a: FloatArray, b: FloatArray, limit: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Rotations (t, 3, 3) that carry two random rays of `a` exactly as near as can be onto their partners in `b`.
+
+    Pairs whose angle differs between the frames by more than the tolerance, and pairs too close to fix a rotation, are
+    dropped before anything is counted.
+    """
+    pick = rng.integers(0, len(a), (8 * _TRIALS, 2))
+    chord_a = np.linalg.norm(a[pick[:, 0]] - a[pick[:, 1]], axis=1)
+    chord_b = np.linalg.norm(b[pick[:, 0]] - b[pick[:, 1]], axis=1)
+    apart = (chord_a > 0.1) & (chord_a < 1.95)
+    rigid = np.abs(chord_a - chord_b) < limit[pick].sum(1)
+    pick = pick[apart & rigid][:_TRIALS]
+    return _triads(b[pick[:, 0]], b[pick[:, 1]]) @ np.swapaxes(_triads(a[pick[:, 0]], a[pick[:, 1]]), 1, 2)
+
+
+def _triads(p: FloatArray, q: FloatArray) -> FloatArray:
+    """Orthonormal frames (t, 3, 3), as columns, that treat both rays alike: sum, difference and their normal."""
+    along, across = p + q, q - p
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    return np.stack([along, across, np.cross(along, across)], -1)

@@ -1,0 +1,116 @@
+"""The values of a mosaic: frames, the links between them, and the solved project."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fullsphere.model.camera import Camera
+from fullsphere.model.lens import FloatArray
+
+Picture = NDArray[Any]
+"""Pixels (height, width, channels) as stored: uint8, uint16 or float32."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    """One picture of the set, and what is known of it.
+
+    Attributes
+    ----------
+    id
+        Name shown to people, unique within the set.
+    image
+        Where the picture came from, as given.
+    size
+        Width and height in pixels.
+    load
+        Opens the picture; called again whenever its pixels are needed.
+    sha256
+        Of the file, hexadecimal; empty for pictures that are no file.
+    reason
+        Why the frame is left out; empty while it is not.
+    camera_from_world
+        Rotation (3, 3) once registered.
+    sigma_deg
+        One standard deviation of the rotation's angle, degrees.
+    exposure_ev
+        How much brighter this frame recorded the scene than the reference, in powers of two.
+    """
+
+    id: str
+    image: str
+    size: tuple[int, int]
+    load: Callable[[], Picture] = dataclasses.field(repr=False, compare=False)
+    sha256: str = ""
+    reason: str = ""
+    camera_from_world: FloatArray | None = None
+    sigma_deg: float | None = None
+    exposure_ev: float = 0.0
+
+    @property
+    def registered(self) -> bool:
+        """Whether the frame has a place on the sphere."""
+        return self.camera_from_world is not None and not self.reason
+
+    def left_out(self, reason: str) -> Frame:
+        """The frame marked as left out, with the reason in plain words."""
+        return dataclasses.replace(self, reason=reason, camera_from_world=None, sigma_deg=None)
+
+
+@dataclasses.dataclass(frozen=True)
+class Link:
+    """Two frames i < j that see the same things, and the matched pixels (n, 2) in each.
+
+    `j_from_i` (3, 3) turns rays of camera i into rays of camera j.
+    """
+
+    i: int
+    j: int
+    pixels_i: FloatArray = dataclasses.field(repr=False)
+    pixels_j: FloatArray = dataclasses.field(repr=False)
+    j_from_i: FloatArray = dataclasses.field(repr=False)
+
+    def kept(self, keep: NDArray[np.bool_]) -> Link:
+        """The link with only the matches marked in `keep` (n,)."""
+        return dataclasses.replace(self, pixels_i=self.pixels_i[keep], pixels_j=self.pixels_j[keep])
+
+
+@dataclasses.dataclass(frozen=True)
+class Mosaic:
+    """A solved project: a panorama is a pure function of it.
+
+    Attributes
+    ----------
+    camera
+        The camera that took every frame.
+    frames
+        In the order given, those left out included.
+    links
+        Between registered frames, by index into `frames`.
+    vignetting
+        (v1, v2): a frame records 1 + v1 s + v2 s^2 of the light, s = (theta/half_fov)^2.
+    level
+        How up was found: "camera-x-axes" or "none".
+    self_calibrated
+        Whether the camera was estimated from the frames themselves.
+    quality
+        Figures for people and programs, by name.
+    """
+
+    camera: Camera
+    frames: tuple[Frame, ...]
+    links: tuple[Link, ...]
+    vignetting: tuple[float, float] = (0.0, 0.0)
+    level: str = "none"
+    self_calibrated: bool = False
+    quality: dict[str, float] = dataclasses.field(default_factory=dict)
+
+    @property
+    def registered(self) -> tuple[Frame, ...]:
+        """The frames that have a place on the sphere."""
+        return tuple(f for f in self.frames if f.registered)

@@ -1,0 +1,87 @@
+"""A camera from the rotating frames themselves, when no calibration is given.
+
+The scale of the lens is unknown to a factor of two at first: several starts are tried on all pairs of frames, the one
+that most matches agree with is kept, and the bundle adjustment frees the parameters a few at a time, from one length
+to the four parameters of Bakstein & Pajdla, the centre and the aspect.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from fullsphere.model.camera import Camera
+from fullsphere.model.circle import ImageCircle
+from fullsphere.model.lens import BaksteinPajdla, Equidistant, Equisolid, Lens, Perspective
+from fullsphere.mosaic.project import Link
+
+CIRCLE_HALF_FOVS_DEG = (75, 82, 88, 94, 100, 108, 118)
+FULL_FRAME_STARTS: tuple[tuple[type[Lens], float], ...] = (
+    *((Perspective, angle) for angle in (8, 12, 17, 23, 30, 38, 47, 56)),
+    *((Equisolid, angle) for angle in (62, 70, 80, 90, 100)),
+)
+"""Lens and half of the diagonal field of view in degrees, for frames without a visible circle."""
+
+LinkFinder = Callable[[Camera, float], list[Link]]
+"""Links of all pairs under a camera, with matches that agree within so many pixels."""
+
+
+def starting_cameras(size: tuple[int, int], circle: ImageCircle | None) -> list[Camera]:
+    """Cameras to try first: one for each plausible field of view."""
+    if circle is not None:
+        return [
+            Camera(Equidistant(circle.radius / math.radians(half)), size, circle.centre, half_fov=math.radians(half))
+            for half in CIRCLE_HALF_FOVS_DEG
+        ]
+    width, height = size
+    diagonal = math.hypot(width, height) / 2
+    return [
+        Camera(
+            kind(diagonal / float(kind(1.0).radius(math.radians(half)))),  # type: ignore[call-arg]
+            size,
+            ((width - 1) / 2, (height - 1) / 2),
+            half_fov=math.radians(half),
+        )
+        for kind, half in FULL_FRAME_STARTS
+    ]
+
+
+def image_radius(camera: Camera) -> float:
+    """Radius in pixels of the circle that the camera images."""
+    return float(camera.lens.radius(camera.half_fov))
+
+
+def as_bakstein_pajdla(camera: Camera) -> Camera:
+    """The camera with a Bakstein-Pajdla lens of the same curve, as nearly as can be.
+
+    For each b and d of a grid a and c follow linearly; the nearest growing curve is taken.  The grid stays in the range
+    in which both terms have a say of their own, so that the adjustment has four directions to move in.
+    """
+    theta = np.linspace(0, camera.half_fov, 60)
+    target = camera.lens.radius(theta)
+    best: tuple[float, BaksteinPajdla | None] = (math.inf, None)
+    for b in (1.0, 1.05, 1.2, 1.5, 2.0, 2.5, 3.2):
+        for d in (0.7, 1.0, 1.15, 1.4, 2.0):
+            if camera.half_fov > 0.97 * b * math.pi / 2 or camera.half_fov > 0.99 * d * math.pi / 2 + 0.6:
+                continue
+            shape = np.column_stack([np.tan(theta / b), np.sin(theta / d)])
+            (a, c), *_ = np.linalg.lstsq(shape, target, rcond=None)
+            error = float(np.sqrt(np.mean((shape @ [a, c] - target) ** 2)))
+            # An a of zero would leave b, and a c of zero d, without any effect: the adjustment could not move them.
+            alive = min(abs(a * shape[-1, 0]), abs(c * shape[-1, 1])) > 0.1 * target[-1]
+            if not alive or error >= best[0] or not shape[1] @ [a, c] > 0:
+                continue
+            lens = BaksteinPajdla(a, b, c, d)
+            if lens.theta_max > camera.half_fov:
+                best = (error, lens)
+    if best[1] is None:
+        raise ValueError(f"no Bakstein-Pajdla lens is near {camera}")
+    return Camera(best[1], camera.size, camera.centre, aspect=camera.aspect, half_fov=camera.half_fov)
+
+
+def best_start(cameras: Sequence[Camera], find_links: LinkFinder) -> tuple[Camera, list[Link]]:
+    """The camera with which most matches agree on rotations within 2 % of the picture's radius, and its links."""
+    found = [(camera, find_links(camera, 0.02 * image_radius(camera))) for camera in cameras]
+    return max(found, key=lambda pair: sum(len(link.pixels_i) for link in pair[1]))
