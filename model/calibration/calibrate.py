@@ -20,7 +20,7 @@ Progress = Callable[[Iterable[Any]], Iterable[Any]]
 """Wraps an iterable and shows how far it has come."""
 
 _NEAREST_SINGULAR = 1e-12  # of the largest singular value: what is less certain is reported as exactly that uncertain
-_HOPELESS = 0.02  # rms as a share of the picture's longer side: the points are not what the pictures show
+_HOPELESS = 0.02  # rms as a share of the picture's longer side: the lens is of another kind
 _UNDETERMINED = 0.05  # sigma of r at the outermost point as a share of r: the lens is not observable
 
 
@@ -203,9 +203,8 @@ def _check_inside(sightings: Sightings, image_size: tuple[int, int]) -> None:
 def _check_fit(solution: Solution) -> None:
     if solution.rms_px > _HOPELESS * max(solution.camera.size):
         raise GeometryError(
-            f"calibration: the best fit found leaves rms {solution.rms_px:.3g} px, so the points are not where the "
-            "pictures show them. Check that rows and columns belong together, that no coordinate is mirrored, and "
-            "try another lens"
+            f"calibration: the best {solution.camera.lens.projection} lens leaves rms {solution.rms_px:.3g} px; it is "
+            "not the lens of these pictures. Try another one"
         )
 
 

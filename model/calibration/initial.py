@@ -28,6 +28,7 @@ from fullsphere.model.lens import Equidistant, FloatArray, Lens, Parameter
 _OUTERMOST_DEG = (8, 12, 17, 24, 33, 42, 52, 62, 72, 82, 92, 103, 115, 130)  # where the outermost point may stand
 _KEPT = 3  # scales that are refined
 _SAMPLE = 60  # points per view that the search looks at
+_HOPELESS = 0.02  # of the picture's longer side: an rms that no lens explains
 _POSITIVE = (1.05, 1.15, 1.3, 1.6, 2.0, 3.0, 5.0, 9.0)  # grid for a lens parameter without an upper bound
 
 
@@ -96,12 +97,12 @@ def find_start(
     candidates = tuple(_candidates(sample, size, centres))
     ranked = sorted((_linear(sample, camera) for camera in progress(candidates)), key=lambda start: start.rms_px)
     refined = [start for candidate in ranked[:_KEPT] if (start := _refined(sample, candidate)) is not None]
-    if not refined:
+    best = min(refined, key=lambda start: start.rms_px, default=None)
+    if best is None or best.rms_px > _HOPELESS * max(size):
         raise GeometryError(
             "calibration: no camera was found that sees the points where the pictures show them. Check that rows, "
             "units and picture size belong together, and that the target's coordinates are not mirrored"
         )
-    best = min(refined, key=lambda start: start.rms_px)
     return best._replace(camera=_with_lens(sightings, best, lens))
 
 
@@ -237,7 +238,7 @@ def fitted_lens(kind: type[Lens], theta: FloatArray, radius: FloatArray) -> Lens
                 best, least = lens, misfit
     if best is None:
         raise GeometryError(
-            f"calibration: the points reach {math.degrees(float(theta.max())):.1f} degrees from the axis, further than "
+            f"calibration: the points reach {math.degrees(float(theta.max())):.0f} degrees from the axis, further than "
             f"a {kind.projection} lens can image them; choose a lens that sees further"
         )
     return best

@@ -67,7 +67,7 @@ def best_camera(
         upper = reduction.triangle(
             np.concatenate([np.column_stack([slopes, at.residuals]), np.pad(ballast, ((0, 0), (0, 1)))])
         )
-        step = np.linalg.solve(upper[:-1, :-1], np.negative(upper[:-1, -1]))
+        step = np.asarray(np.linalg.solve(upper[:-1, :-1], -upper[:-1, -1]), np.float64)
         change = slopes @ step
         promise = -float(np.sum(change * (change + 2 * at.residuals)))
         if promise <= little:

@@ -73,8 +73,8 @@ def damped(triangles: FloatArray, scale: FloatArray, damping: float) -> tuple[Fl
 def pose_steps(held: FloatArray, shared: FloatArray) -> FloatArray:
     """The steps (V, 6) of the poses that go with a step (S,) of the shared unknowns."""
     right = held[:, :POSE, -1] + held[:, :POSE, POSE:-1] @ shared
-    steps: FloatArray = np.linalg.solve(held[:, :POSE, :POSE], np.negative(right)[..., None])[..., 0]
-    return steps
+    steps = np.linalg.solve(held[:, :POSE, :POSE], -right[..., None])[..., 0]
+    return np.asarray(steps, np.float64)
 
 
 def promised_fall(triangles: FloatArray, poses: FloatArray, shared: FloatArray) -> float:
