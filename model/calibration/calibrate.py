@@ -20,7 +20,7 @@ Progress = Callable[[Iterable[Any]], Iterable[Any]]
 """Wraps an iterable and shows how far it has come."""
 
 _NEAREST_SINGULAR = 1e-12  # of the largest singular value: what is less certain is reported as exactly that uncertain
-_HOPELESS = 0.02  # rms as a share of the picture's longer side: the lens is of another kind
+_HOPELESS = 0.02  # rms as a share of the picture's longer side: wrong points, or a lens of another kind
 _UNDETERMINED = 0.05  # sigma of r at the outermost point as a share of r: the lens is not observable
 
 
@@ -127,7 +127,7 @@ def calibrate(
     _check_inside(sightings, image_size)
     start = find_start(sightings, image_size, kind, centre, progress)
     solution = solve(sightings, start.camera, start.poses)
-    _check_fit(solution)
+    _check_fit(sightings, solution)
     calibration = _described(sightings, solution, half_fov)
     _check_determined(calibration)
     return calibration
@@ -200,11 +200,15 @@ def _check_inside(sightings: Sightings, image_size: tuple[int, int]) -> None:
         )
 
 
-def _check_fit(solution: Solution) -> None:
+def _check_fit(sightings: Sightings, solution: Solution) -> None:
     if solution.rms_px > _HOPELESS * max(solution.camera.size):
+        distance = np.hypot(*solution.residuals.T)
+        worst = int(np.argmax(distance))
+        u, v = sightings.pixels[worst]
         raise GeometryError(
-            f"calibration: the best {solution.camera.lens.projection} lens leaves rms {solution.rms_px:.3g} px; it is "
-            "not the lens of these pictures. Try another one"
+            f"calibration: the best {solution.camera.lens.projection} lens leaves rms {solution.rms_px:.3g} px (median "
+            f"{np.median(distance):.3g}, worst {distance[worst]:.3g} at ({u:.0f}, {v:.0f}) of "
+            f"{sightings.images[sightings.view[worst]]}); remove wrong points, or try another lens"
         )
 
 

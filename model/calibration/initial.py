@@ -28,16 +28,16 @@ from fullsphere.model.lens import Equidistant, FloatArray, Lens, Parameter
 _OUTERMOST_DEG = (8, 12, 17, 24, 33, 42, 52, 62, 72, 82, 92, 103, 115, 130)  # where the outermost point may stand
 _KEPT = 3  # scales that are refined
 _SAMPLE = 60  # points per view that the search looks at
-_HOPELESS = 0.02  # of the picture's longer side: an rms that no lens explains
+_HOPELESS = 0.02  # of the picture's longer side: a median error that no lens explains
 _POSITIVE = (1.05, 1.15, 1.3, 1.6, 2.0, 3.0, 5.0, 9.0)  # grid for a lens parameter without an upper bound
 
 
 class Start(NamedTuple):
-    """A camera and the poses of all views, to descend from; `rms_px` ranks it among others."""
+    """A camera and the poses of all views, to descend from; `error_px`, a median, ranks it among others."""
 
     camera: Camera
     poses: Poses
-    rms_px: float
+    error_px: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,10 +95,10 @@ def find_start(
     sample = _sampled(sightings)
     centres = [((size[0] - 1) / 2, (size[1] - 1) / 2), *([centre] if centre is not None else [])]
     candidates = tuple(_candidates(sample, size, centres))
-    ranked = sorted((_linear(sample, camera) for camera in progress(candidates)), key=lambda start: start.rms_px)
+    ranked = sorted((_linear(sample, camera) for camera in progress(candidates)), key=lambda start: start.error_px)
     refined = [start for candidate in ranked[:_KEPT] if (start := _refined(sample, candidate)) is not None]
-    best = min(refined, key=lambda start: start.rms_px, default=None)
-    if best is None or best.rms_px > _HOPELESS * max(size):
+    best = min(refined, key=lambda start: start.error_px, default=None)
+    if best is None or best.error_px > _HOPELESS * max(size):
         raise GeometryError(
             "calibration: no camera was found that sees the points where the pictures show them. Check that rows, "
             "units and picture size belong together, and that the target's coordinates are not mirrored"
@@ -156,7 +156,7 @@ def _refined(sightings: Sightings, start: Start) -> Start | None:
             camera, poses = dataclasses.replace(reached.camera, half_fov=_whole(reached.camera.lens)), reached.poses
     except (GeometryError, CameraError):
         return None
-    return Start(camera, poses, reached.rms_px)
+    return Start(camera, poses, float(np.mean(_errors(sightings, camera, poses))))
 
 
 def _whole(lens: Lens) -> float:

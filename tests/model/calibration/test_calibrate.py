@@ -221,6 +221,15 @@ def test_mirrored_and_shuffled_points_are_refused(photographer: Any) -> None:
             calibrate(views, SIZE)
 
 
+def test_wrong_points_among_right_ones_are_pointed_at(photographer: Any) -> None:
+    world = photographer.box_world(21, 0.3)
+    pixels = world.views[2].pixels.copy()
+    pixels[:4] = pixels[-4:]
+    views = [*world.views[:2], View("spoilt.png", world.views[2].points_on_target, pixels)]
+    with pytest.raises(GeometryError, match=r"worst .* of spoilt\.png"):
+        calibrate(views, SIZE)
+
+
 def test_too_few_points_for_the_unknowns_are_refused(photographer: Any) -> None:
     view = photographer.box_world(18, 0.0, views=1).views[0]
     few = View(view.image, view.points_on_target[::30][:6], view.pixels[::30][:6])
