@@ -114,10 +114,6 @@ class Sightings:
         """An array (N, ...) with one entry per point, cut into one array per view."""
         return tuple(np.split(np.asarray(values, float), np.searchsorted(self.view, np.arange(1, len(self.images)))))
 
-    def largest_by_view(self, values: FloatArray) -> FloatArray:
-        """The largest of `values` (N,) in each view, (V,)."""
-        return np.array([part.max() for part in self.split(values)])
-
     def median_by_view(self, values: FloatArray) -> FloatArray:
         """The median of `values` (N,) in each view, (V,)."""
         return np.array([np.median(part) for part in self.split(values)])
