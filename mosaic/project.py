@@ -92,8 +92,8 @@ class Mosaic:
         In the order given, those left out included.
     links
         Between registered frames, by index into `frames`.
-    vignetting
-        (v1, v2): a frame records 1 + v1 s + v2 s^2 of the light, s = (theta/half_fov)^2.
+    vignetting_ev
+        (w1, w2): the lens passes 2^(w1 s + w2 s^2) of the light, s = (theta/half_fov)^2.
     level
         How up was found: "camera-x-axes" or "none".
     self_calibrated
@@ -105,7 +105,7 @@ class Mosaic:
     camera: Camera
     frames: tuple[Frame, ...]
     links: tuple[Link, ...]
-    vignetting: tuple[float, float] = (0.0, 0.0)
+    vignetting_ev: tuple[float, float] = (0.0, 0.0)
     level: str = "none"
     self_calibrated: bool = False
     quality: dict[str, float] = dataclasses.field(default_factory=dict)

@@ -1,0 +1,28 @@
+"""Frames -> a mosaic ready to be composed: registration, then photometry."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from concurrent.futures import Executor
+
+from fullsphere.model.camera import Camera
+from fullsphere.mosaic.photometry import estimate_photometry
+from fullsphere.mosaic.project import Frame, Mosaic
+from fullsphere.mosaic.register import Progress, no_progress, register
+
+
+def solve(
+    frames: Sequence[Frame],
+    camera: Camera | None = None,
+    executor: Executor | None = None,
+    progress: Progress = no_progress,
+) -> Mosaic:
+    """Register the frames and even out their exposure; see `register` for the parameters and errors."""
+    mosaic = register(frames, camera, executor, progress)
+    photometry = estimate_photometry(mosaic.registered, mosaic.camera)
+    exposure = iter(photometry.exposure_ev.tolist())
+    evened = tuple(
+        dataclasses.replace(frame, exposure_ev=next(exposure)) if frame.registered else frame for frame in mosaic.frames
+    )
+    return dataclasses.replace(mosaic, frames=evened, vignetting_ev=photometry.vignetting_ev)
