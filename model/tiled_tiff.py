@@ -55,7 +55,11 @@ class TiledTiff:
             os.close(self._handle)
             raise OutputError(f"{path}: cannot be written (this OpenImageIO has no TIFF: {one_line(library_fault())})")
         self._output = output
-        self._require(self._output.open(name_for_library(name, self._handle), spec))
+        try:
+            self._require(self._output.open(name_for_library(name, self._handle), spec))
+        except BaseException:
+            self.release()
+            raise
 
     def write_band(self, y0: int, rows: NDArray[Any]) -> None:
         """Write rows (n, w, c) from `y0`, a multiple of TILE_SIDE; n is TILE_SIDE but at the end."""
