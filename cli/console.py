@@ -1,0 +1,52 @@
+"""What commands say, and how: results on stdout, everything else on stderr."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+from fullsphere.model.errors import UsageError
+
+STRICT_EXIT = 3
+
+
+def say(args: argparse.Namespace, text: str) -> None:
+    """Tell a person something along the way; nothing with --json."""
+    if not args.json:
+        print(text, file=sys.stderr)
+
+
+def warn(text: str) -> None:
+    """One line about something that was left out."""
+    print(f"fullsphere: warning: {text}", file=sys.stderr)
+
+
+def report(args: argparse.Namespace, summary: dict[str, Any], lines: Sequence[str]) -> None:
+    """Print the result: one JSON object with --json, else lines for people."""
+    print(json.dumps(summary, indent=2, sort_keys=True) if args.json else "\n".join(lines))
+
+
+def done(args: argparse.Namespace, with_warnings: bool) -> int:
+    """The exit code of work that was finished: 0, or 3 with --strict if anything was left out."""
+    return STRICT_EXIT if args.strict and with_warnings else 0
+
+
+def progress(args: argparse.Namespace) -> Callable[..., Iterable[Any]]:
+    """A wrapper of iterables that shows how far the work is."""
+    from fullsphere.cli.progress import show_progress
+
+    return show_progress(quiet=args.json)
+
+
+def panorama_size(width: int) -> tuple[int, int]:
+    """Width and height of an equirectangular panorama; UsageError where the width is odd or out of range."""
+    from fullsphere.model.panorama_file import MAX_SIDE
+
+    if width % 2 or not 2 <= width <= MAX_SIDE:
+        raise UsageError(
+            f"--size {width}: the width is an even number of pixels from 2 to {MAX_SIDE}, the height is half of it"
+        )
+    return width, width // 2
