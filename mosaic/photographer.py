@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from fullsphere.model.camera import Camera, Projection
+from fullsphere.model.camera import Camera
 from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.surface import Equirectangular
@@ -124,7 +124,7 @@ def photograph(
             light += noise * np.sqrt(light) * random.standard_normal(light.shape, np.float32)
         return encode_srgb(light)
 
-    return np.concatenate(list(ordered_map(executor, strip, _strips(camera, supersampling))))
+    return np.concatenate(list(ordered_map(executor, strip, _strips(camera.size, supersampling))))
 
 
 def panorama(
@@ -137,7 +137,32 @@ def panorama(
         pixels = _sample_pixels(width, rows, supersampling)
         return _averaged(scene.radiance(sphere.unproject(pixels)), supersampling)
 
-    return np.concatenate(list(ordered_map(executor, strip, _strips(sphere, supersampling))))
+    return np.concatenate(list(ordered_map(executor, strip, _strips(sphere.size, supersampling))))
+
+
+def window(
+    scene: Scene,
+    corner: ArrayLike,
+    across: ArrayLike,
+    down: ArrayLike,
+    size: tuple[int, int],
+    *,
+    supersampling: int = 2,
+    executor: Executor | None = None,
+) -> NDArray[np.float32]:
+    """What is seen through a flat window: linear light (height, width, 3).
+
+    `corner` (3,) is the window's upper left corner from the camera's centre in the world frame, `across` and `down`
+    (3,) its sides; pixel (u, v) looks along corner + (u + 0.5)/width across + (v + 0.5)/height down.
+    """
+    width, height = size
+    a, b = np.asarray(across, float) / width, np.asarray(down, float) / height
+
+    def strip(rows: slice) -> NDArray[np.float32]:
+        pixels = _sample_pixels(width, rows, supersampling) + 0.5
+        return _averaged(scene.radiance(np.asarray(corner) + pixels[..., :1] * a + pixels[..., 1:] * b), supersampling)
+
+    return np.concatenate(list(ordered_map(executor, strip, _strips(size, supersampling))))
 
 
 def encode_srgb(light: ArrayLike) -> NDArray[np.uint8]:
@@ -147,12 +172,12 @@ def encode_srgb(light: ArrayLike) -> NDArray[np.uint8]:
     return np.round(255 * encoded).astype(np.uint8)
 
 
-def _strips(picture: Projection, supersampling: int) -> Iterator[slice]:
+def _strips(size: tuple[int, int], supersampling: int) -> Iterator[slice]:
     """Whole rows of a picture, so many at a time that memory stays bounded.
 
     The strips depend on the picture's size only: noise is seeded by strip.
     """
-    width, height = picture.size
+    width, height = size
     rows = max(1, _SAMPLES_AT_ONCE // (width * supersampling**2))
     for top in range(0, height, rows):
         yield slice(top, min(top + rows, height))

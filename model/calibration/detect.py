@@ -128,22 +128,19 @@ def _predict(board: CharucoBoard, markers: dict[int, list[FloatArray]]) -> _Pred
     A marker is confirmed when a neighbour predicts the corner between them at the same place: chance readings, and
     the readings of a mirrored picture, have no such neighbour.
     """
-    votes: dict[int, list[tuple[int, FloatArray, FloatArray]]] = {}
-    numbered = enumerate(board.marker_squares().tolist(), board.first_id)
-    reading = 0
-    for number, (i, j) in numbered:
-        for outline in markers.get(number, []):
+    votes: dict[int, list[tuple[tuple[int, int], FloatArray, FloatArray]]] = {}
+    for number, (i, j) in enumerate(board.marker_squares().tolist(), board.first_id):
+        for reading, outline in enumerate(markers.get(number, [])):
             homography = _pixel_from_square(board, outline)
             for corner, place in _corners_of_square(board, i, j):
                 pixel, step = _apply(homography, place)
                 if np.isfinite(step).all() and np.linalg.det(step) > 0:  # a mirrored marker is none
-                    votes.setdefault(corner, []).append((1000 * reading + number, pixel, step))
-            reading += 1
-    confirmed: set[int] = set()
+                    votes.setdefault(corner, []).append(((number, reading), pixel, step))
+    confirmed: set[tuple[int, int]] = set()
     for said in votes.values():
         for k, (name, pixel, step) in enumerate(said):
             for other, pixel_2, step_2 in said[k + 1 :]:
-                if (name - other) % 1000 and _agree(pixel, step, pixel_2, step_2):
+                if name[0] != other[0] and _agree(pixel, step, pixel_2, step_2):
                     confirmed |= {name, other}
     corners, pixels, steps = [], [], []
     for corner, said in sorted(votes.items()):

@@ -1,0 +1,33 @@
+"""Synthetic worlds with known truth, and a photographer in them: for the demo, tests, examples and experiments.
+
+    room = environment(furnished_room())
+    for shot in turn(8):
+        frame = photograph(room, camera, shot.camera_from_world, exposure_ev=shot.exposure_ev, seed=shot.seed)
+    truth = panorama(room, 4096)
+
+    boards = charuco_box()
+    photo = photograph(target_scene(boards, camera_position_mm=(25, -18, 12)), camera, camera_from_target)
+
+A world is anything with `radiance(rays)`; the world's axes are x right, y down, z to the front.
+"""
+
+from fullsphere.mosaic.photographer import Scene, Shot, encode_srgb, panorama, photograph, turn, window
+from fullsphere.mosaic.world_panels import Panel, PanelScene
+from fullsphere.mosaic.world_room import environment, furnished_room
+from fullsphere.mosaic.world_target import charuco_box, target_scene
+
+__all__ = [
+    "Panel",
+    "PanelScene",
+    "Scene",
+    "Shot",
+    "charuco_box",
+    "encode_srgb",
+    "environment",
+    "furnished_room",
+    "panorama",
+    "photograph",
+    "target_scene",
+    "turn",
+    "window",
+]

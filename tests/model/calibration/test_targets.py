@@ -1,0 +1,51 @@
+"""A board's corners and markers are where OpenCV prints them."""
+
+import cv2
+import numpy as np
+import pytest
+
+from fullsphere.model.calibration.targets import CharucoBoard, marker_dictionary, one_dictionary
+from fullsphere.model.errors import UsageError
+
+
+def test_layout_is_that_of_opencv():
+    board = CharucoBoard(7, 5, 30.0, 21.0, 40, "DICT_5X5_250")
+    ids = np.arange(40, 40 + board.marker_count)
+    theirs = cv2.aruco.CharucoBoard((7, 5), 30.0, 21.0, marker_dictionary("DICT_5X5_250"), ids)
+    np.testing.assert_allclose(board.corners_on_board(), theirs.getChessboardCorners()[:, :2])
+    corners = np.array(theirs.getObjPoints())[:, 0, :2]
+    np.testing.assert_allclose(board.marker_squares() * 30.0 + 4.5, corners)
+
+
+def test_corners_follow_the_pose():
+    pose = np.array([[0, 0, 1, 10], [1, 0, 0, 20], [0, 1, 0, 30], [0, 0, 0, 1.0]])
+    board = CharucoBoard(3, 3, 10.0, 7.0, target_from_board=pose)
+    np.testing.assert_allclose(board.corners_on_target()[1], [10, 40, 40])
+    assert len(board.corners_on_target()) == board.corner_count == 4
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"squares_x": 1},
+        {"marker_mm": 30.0},
+        {"marker_mm": float("nan")},
+        {"dictionary": "DICT_NONE"},
+        {"dictionary": "ArucoDetector"},
+        {"first_id": 999},
+        {"first_id": -1},
+        {"target_from_board": np.diag([1.0, 1, -1, 1])},
+        {"target_from_board": np.eye(3)},
+    ],
+)
+def test_values_that_make_no_board_are_refused(wrong):
+    with pytest.raises(UsageError):
+        CharucoBoard(**{"squares_x": 4, "squares_y": 4, "square_mm": 30.0, "marker_mm": 20.0} | wrong)
+
+
+def test_boards_of_one_target_share_a_dictionary_and_no_marker():
+    first, second = CharucoBoard(4, 4, 30.0, 20.0), CharucoBoard(4, 4, 30.0, 20.0, 8)
+    assert one_dictionary([second, first]) == "DICT_5X5_1000"
+    for wrong in ([], [first, first], [first, CharucoBoard(4, 4, 30.0, 20.0, 8, "DICT_4X4_100")]):
+        with pytest.raises(UsageError):
+            one_dictionary(wrong)
