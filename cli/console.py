@@ -1,37 +1,31 @@
-"""What commands say, and how: results on stdout, everything else on stderr."""
+"""What all commands share: results on stdout (for people or as JSON), progress, sizes of panoramas."""
 
 from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from fullsphere.model.errors import UsageError
+from fullsphere.cli import messages
 
-STRICT_EXIT = 3
+_STRICT_EXIT = 3
 
 
 def say(args: argparse.Namespace, text: str) -> None:
     """Tell a person something along the way; nothing with --json."""
     if not args.json:
-        print(text, file=sys.stderr)
-
-
-def warn(text: str) -> None:
-    """One line about something that was left out."""
-    print(f"fullsphere: warning: {text}", file=sys.stderr)
+        messages.note(text)
 
 
 def report(args: argparse.Namespace, summary: dict[str, Any], lines: Sequence[str]) -> None:
     """Print the result: one JSON object with --json, else lines for people."""
-    print(json.dumps(summary, indent=2, sort_keys=True) if args.json else "\n".join(lines))
+    print(json.dumps(summary, indent=2, sort_keys=True) if args.json else "\n".join(lines))  # noqa: T201
 
 
 def done(args: argparse.Namespace, with_warnings: bool) -> int:
     """The exit code of work that was finished: 0, or 3 with --strict if anything was left out."""
-    return STRICT_EXIT if args.strict and with_warnings else 0
+    return _STRICT_EXIT if args.strict and with_warnings else 0
 
 
 def progress(args: argparse.Namespace) -> Callable[..., Iterable[Any]]:
@@ -43,10 +37,11 @@ def progress(args: argparse.Namespace) -> Callable[..., Iterable[Any]]:
 
 def panorama_size(width: int) -> tuple[int, int]:
     """Width and height of an equirectangular panorama; UsageError where the width is odd or out of range."""
-    from fullsphere.model.panorama_file import MAX_SIDE
+    from fullsphere.model.camera import MAX_SIDE_PX
+    from fullsphere.model.errors import UsageError
 
-    if width % 2 or not 2 <= width <= MAX_SIDE:
+    if width % 2 or not 2 <= width <= MAX_SIDE_PX:
         raise UsageError(
-            f"--size {width}: the width is an even number of pixels from 2 to {MAX_SIDE}, the height is half of it"
+            f"--size {width}: the width is an even number of pixels from 2 to {MAX_SIDE_PX}, the height is half of it"
         )
     return width, width // 2

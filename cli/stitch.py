@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fullsphere.cli import console
+from fullsphere.cli import console, messages
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
             save_mosaic(args.mosaic, mosaic, args.overwrite)
     left_out = [frame for frame in mosaic.frames if not frame.registered]
     for frame in left_out:
-        console.warn(f"{frame.id} is left out: {frame.reason}")
+        messages.warn(f"{frame.id} is left out: {frame.reason}")
     console.report(args, _summary(args, mosaic), _lines(args, mosaic))
     return console.done(args, with_warnings=bool(left_out))
 
@@ -143,6 +143,6 @@ def _summary(args: argparse.Namespace, mosaic: Mosaic) -> dict[str, Any]:
 def _lines(args: argparse.Namespace, mosaic: Mosaic) -> list[str]:
     quality = mosaic.quality
     return [
-        f"{args.output}: {len(mosaic.registered)} of {len(mosaic.frames)} frames, {quality['matches']} matches agree to "
-        f"{quality['residual_median_px']:.2f} px (median), {quality['residual_rms_px']:.2f} px (rms)",
+        f"{args.output}: {len(mosaic.registered)} of {len(mosaic.frames)} frames, {quality['matches']} matches agree "
+        f"to {quality['residual_median_px']:.2f} px (median), {quality['residual_rms_px']:.2f} px (rms)",
     ]
