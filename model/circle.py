@@ -30,7 +30,7 @@ def brightest(pictures: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
 
     Over several frames a dark thing at the rim of one is outshone by another: the lit disc shows best.
     """
-    highest = pictures[0].max(-1)
+    highest: NDArray[np.uint8] = pictures[0].max(-1)
     for picture in pictures[1:]:
         np.maximum(highest, picture.max(-1), out=highest)
     return highest

@@ -53,7 +53,8 @@ def _encoded(ending: str, bgr: NDArray[Any], options: list[int]) -> memoryview:
         raise OutputError(f"the picture cannot be encoded as {ending}: {error.err}") from error
     if not done:
         raise OutputError(f"the picture cannot be encoded as {ending}")
-    return data.data.cast("B")
+    encoded: memoryview = data.data.cast("B")
+    return encoded
 
 
 def _segment(marker: int, content: bytes) -> bytes:

@@ -15,7 +15,7 @@ import numpy as np
 _F = TypeVar("_F", bound=Callable[..., object])
 
 
-def _compiled(function: _F) -> _F:
+def compiled(function: _F) -> _F:
     """Compile a kernel on first use.
 
     nogil: kernels are serial and driven by our own threads (numba's workqueue layer aborts when entered from
@@ -30,7 +30,7 @@ def _compiled(function: _F) -> _F:
         return cast(_F, numba.njit(function, nogil=True, error_model="numpy"))
 
 
-@_compiled
+@compiled
 def project_rays(
     rays: np.ndarray,
     rotation: np.ndarray,
@@ -65,7 +65,7 @@ def project_rays(
             pixels[k, 1] = np.nan
 
 
-@_compiled
+@compiled
 def unproject_pixels(
     pixels: np.ndarray,
     pieces_s: np.ndarray,

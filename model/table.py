@@ -12,9 +12,10 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from fullsphere.model import kernels
@@ -45,7 +46,7 @@ class RayTable:
         """Width and height of the picture in pixels."""
         return self.camera.size
 
-    def project(self, rays: ArrayLike, rotation: ArrayLike | None = None, dtype: type = np.float64) -> FloatArray:
+    def project(self, rays: ArrayLike, rotation: ArrayLike | None = None, dtype: type = np.float64) -> NDArray[Any]:
         """Unit rays (..., 3) -> pixels (..., 2) of `dtype`, NaN outside the field of view.
 
         `rotation` (3, 3) takes the rays into the camera frame first, in the same pass.

@@ -90,8 +90,8 @@ def compose(
 
 
 def _alpha(coverage: NDArray[np.float32], dtype: type[np.generic]) -> NDArray[np.generic]:
-    full = np.iinfo(dtype).max if np.issubdtype(dtype, np.integer) else 1
-    return np.asarray(coverage * full).astype(dtype)
+    full = {"uint8": 255, "uint16": 65535}.get(np.dtype(dtype).name, 1)
+    return np.asarray(coverage * np.float32(full)).astype(dtype)
 
 
 def _blended_tile(

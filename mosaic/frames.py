@@ -40,8 +40,11 @@ def open_frames(
     Raises
     ------
     InputError
-        If fewer than two frames are left; the message says why of the first that is not.
+        If a file does not exist, or fewer than two frames are left; the message says why of the first that are not.
     """
+    for path in paths:
+        if not path.exists():  # a slip of the pen, to be told before the work; a damaged file is another matter
+            raise InputError(f"{path}: there is no such file; check the name")
     ids = _unique_names(paths)
     opened = ordered_map(executor, _open, list(zip(ids, paths, strict=True)), ahead=4)
     frames = list(progress(opened, title="reading frames", total=len(paths)) if progress else opened)
@@ -75,7 +78,8 @@ def _open(named: tuple[str, Path]) -> Frame:
     try:
         pixels = read_picture(path).pixels
     except InputError as error:
-        return Frame(name, str(path), (0, 0), _nothing, reason=str(error))
+        reason = str(error).removeprefix(f"{path}: ")
+        return Frame(name, str(path), (0, 0), _nothing, reason=reason)
     height, width = pixels.shape[:2]
     return Frame(name, str(path), (width, height), lambda: read_picture(path).pixels, sha256_of(path))
 

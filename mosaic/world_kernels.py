@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from fullsphere.model.kernels import _compiled
+from fullsphere.model.kernels import compiled
 
 _OUTSIDE = -10.0  # texels; a NaN here would make cv2.remap answer NaN or black as it pleases
 
 
-@_compiled
+@compiled
 def meet_panels(
     rays: np.ndarray,
     texel_from_ray: np.ndarray,
