@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import importlib
 import logging
 import os
@@ -39,10 +40,17 @@ _EXIT_CODES = {
     "ResourceError": RESOURCE,
 }
 
-# One thread for the linear algebra: sums are then added in one order whatever the machine, and our own pool does not
-# compete with a second one.  The libraries read this while they are imported.
-_BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "OMP_NUM_THREADS")
-_OTHER_THREADS = ("OPENCV_FOR_THREADS_NUM", "OPENIMAGEIO_THREADS")
+_NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
+
+# One thread for the linear algebra and for OpenCV: sums are then added in one order whatever the machine, and our own
+# pool does not compete with a second one.  The libraries read this while they are imported.
+_LIBRARY_THREADS = (
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "OMP_NUM_THREADS",
+    "OPENCV_FOR_THREADS_NUM",
+)
 
 
 class _Terminated(BaseException):
@@ -82,12 +90,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    for variable in _BLAS_THREADS:
+    for variable in _LIBRARY_THREADS:
         os.environ[variable] = "1"
     args = _parse(arguments)
-    if args.threads is not None:
-        for variable in _OTHER_THREADS:
-            os.environ[variable] = str(args.threads)
     with _log_shown(debug=args.debug):
         return int(args.run(args))
 
@@ -144,6 +149,9 @@ def _report(error: BaseException, debug: bool) -> int:
     if isinstance(error, MemoryError):
         messages.error("out of memory; try a smaller size or fewer threads")
         return RESOURCE
+    if isinstance(error, OSError) and error.errno in _NO_ROOM:
+        messages.error(f"{error.filename or 'standard output'}: cannot be written ({error.strerror}); make room")
+        return OUTPUT
     for kind in type(error).__mro__:  # by name: importing the classes would cost every --help their package
         if kind.__name__ in _EXIT_CODES and kind.__module__ == "fullsphere.model.errors":
             messages.error(str(error))

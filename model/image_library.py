@@ -27,6 +27,10 @@ from OpenImageIO import ImageInput, ImageOutput, ImageSpec, TypeDesc
 from fullsphere.model.errors import InputError
 from fullsphere.model.files import input_errors
 
+# With more than two threads OpenImageIO compresses the tiles of a TIFF by itself, with fewer libtiff does it, to other
+# bytes.  A fixed number keeps a panorama's bytes the same on every machine, and this one takes the quicker way.
+OpenImageIO.attribute("threads", 4)
+
 __all__ = [
     "MAX_PIXELS",
     "ImageInput",

@@ -185,7 +185,7 @@ def _inverse(m: FloatArray) -> FloatArray:
 
 
 def _inverse_root(m: FloatArray) -> FloatArray:
-    """Lower triangular W (n, 2, 2) with W m W^T = I, for symmetric positive m (n, 2, 2): the inverse Cholesky factor."""
+    """Lower triangular W (n, 2, 2) with W m W^T = I of positive m (n, 2, 2): the inverse Cholesky factor."""
     first = np.sqrt(m[:, 0, 0])
     mixed = m[:, 1, 0] / first
     second = np.sqrt(m[:, 1, 1] - mixed**2)

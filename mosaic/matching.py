@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.features import Features
+from fullsphere.mosaic.kernels import two_best
 
 RATIO = 0.8  # Lowe's test: the best match is nearer than this times the second best
 MIN_INLIERS = 12  # chance agreement with a rotation to a hundredth of the sphere's area does not reach it
 _TRIALS = 600
+_BLOCK = 256  # rows of the similarity matrix at a time: they stay in the processor's cache
 
 
 class Matches(NamedTuple):
@@ -33,22 +35,22 @@ def match_features(a: Features, b: Features) -> Matches:
     """Mutually best matches that pass the ratio test both ways, by one product of the descriptors."""
     if len(a) < 2 or len(b) < 2:
         return Matches(np.empty(0, np.intp), np.empty(0, np.intp))
-    similarity = a.descriptors @ b.descriptors.T
-    forth, clear_forth = _best(similarity)
-    back, clear_back = _best(similarity.T)
-    first = np.flatnonzero(clear_forth & (back[forth] == np.arange(len(a))) & clear_back[forth])
-    return Matches(first, forth[first])
+    count, other = len(a), len(b)
+    best_of_row, rows = np.zeros(count, np.intp), np.full((count, 2), -2, np.float32)
+    best_of_column, columns = np.zeros(other, np.intp), np.full((other, 2), -2, np.float32)
+    transposed = np.ascontiguousarray(b.descriptors.T)
+    for start in range(0, count, _BLOCK):
+        similarity = a.descriptors[start : start + _BLOCK] @ transposed
+        two_best(similarity, start, best_of_row, rows, best_of_column, columns)
+    mutual = best_of_column[best_of_row] == np.arange(count)
+    first = np.flatnonzero(mutual & _clear(rows) & _clear(columns)[best_of_row])
+    return Matches(first, best_of_row[first])
 
 
-def _best(similarity: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """For each row the most similar column, and whether it is clearly nearer than the second (distance^2 = 2 - 2 s)."""
-    best = similarity.argmax(1)
-    rows = np.arange(len(best))
-    top = similarity[rows, best]
-    rest = similarity.copy()
-    rest[rows, best] = -2
-    second = rest.max(1)
-    return best, (1 - top) < RATIO**2 * (1 - second)
+def _clear(two: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Whether the best of two similarities (n, 2) is clearly nearer than the second (distance^2 = 2 - 2 s)."""
+    clear: NDArray[np.bool_] = (1 - two[:, 0]) < RATIO**2 * (1 - two[:, 1])
+    return clear
 
 
 def fit_rotation(rays_a: FloatArray, rays_b: FloatArray, tolerance: FloatArray, seed: int) -> RotationFit | None:

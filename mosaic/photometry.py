@@ -7,8 +7,10 @@ one robust linear least-squares problem (after Brown & Lowe, IJCV 2007, section 
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from typing import NamedTuple
 
 import cv2
@@ -19,6 +21,7 @@ from fullsphere.model.colour import linear_from_encoded
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.sampling import sample
 from fullsphere.model.table import RayTable, tabulate
+from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.project import Frame, Picture
 
 _DIRECTIONS = 20_000
@@ -34,18 +37,19 @@ class Photometry(NamedTuple):
     vignetting_ev: tuple[float, float]
 
 
-def estimate_photometry(frames: Sequence[Frame], camera: Camera) -> Photometry:
-    """Exposures of registered frames and the vignetting they share.
+def estimate_photometry(frames: Sequence[Frame], camera: Camera, executor: Executor | None = None) -> Photometry:
+    """Exposures of registered frames and the vignetting they share; frames are opened side by side on `executor`.
 
     Frames that share no usable direction with any other keep the mean exposure.
     """
     table, rays = tabulate(camera, 1e-3), _even_directions(_DIRECTIONS)
-    level = np.full((len(frames), len(rays)), np.nan)
-    s = np.zeros((len(frames), len(rays)))
-    for k, frame in enumerate(frames):
+
+    def levels(frame: Frame) -> tuple[FloatArray, FloatArray]:
         assert frame.camera_from_world is not None
-        level[k], s[k] = _levels(frame.load(), table, rays, frame.camera_from_world)
-    return _solve(level, s)
+        return _levels(frame.load(), table, rays, frame.camera_from_world)
+
+    level, s = zip(*ordered_map(executor, levels, frames, ahead=4), strict=True)
+    return _solve(np.array(level), np.array(s))
 
 
 def _even_directions(count: int) -> FloatArray:
@@ -64,9 +68,11 @@ def _levels(
     s = (np.arccos(np.clip(rays @ camera_from_world[2], -1, 1)) / table.camera.half_fov) ** 2
     colour = linear_from_encoded(picture[..., :3])
     limit = 1.0 if picture.dtype != np.float32 else math.inf
-    usable = ((colour < _CLIPPED * limit).all(-1) & (colour.mean(-1) > _DARK)).astype(np.float32)
+    channels = np.moveaxis(colour, -1, 0)
+    grey, brightest = sum(channels) / np.float32(len(channels)), functools.reduce(np.maximum, channels)
+    usable = ((brightest < _CLIPPED * limit) & (grey > _DARK)).astype(np.float32)
     factor = min(1.0, _SIDE_PX / max(picture.shape[:2]))
-    grey = cv2.blur(colour.mean(-1), (round(1 / factor),) * 2)
+    grey = cv2.blur(grey, (round(1 / factor),) * 2)
     usable = cv2.blur(usable, (round(1 / factor),) * 2)
     height, width = picture.shape[:2]
     with np.errstate(invalid="ignore"):

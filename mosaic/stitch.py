@@ -20,7 +20,7 @@ def solve(
 ) -> Mosaic:
     """Register the frames and even out their exposure; see `register` for the parameters and errors."""
     mosaic = register(frames, camera, executor, progress)
-    photometry = estimate_photometry(mosaic.registered, mosaic.camera)
+    photometry = estimate_photometry(mosaic.registered, mosaic.camera, executor)
     exposure = iter(photometry.exposure_ev.tolist())
     evened = tuple(
         dataclasses.replace(frame, exposure_ev=next(exposure)) if frame.registered else frame for frame in mosaic.frames
