@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fullsphere.cli import console
-from fullsphere.model.errors import UsageError
+from fullsphere.model.errors import InputError, UsageError
 
 if TYPE_CHECKING:
     from fullsphere.model.camera import Projection
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     picture = read_picture(args.picture)
     height, width = picture.pixels.shape[:2]
     if (width, height) != source.size:
-        raise UsageError(
+        raise InputError(
             f"{args.picture}: is {width} x {height} pixels, but --from {args.source} is for "
             f"{source.size[0]} x {source.size[1]}"
         )
