@@ -21,7 +21,7 @@ from fullsphere.model.workers import ordered_map
 TILE_PX = 512
 """Side of the tiles in which a target is computed: their rays and maps stay in the processor's cache."""
 
-_PAD = 4  # pixels added around a panorama as source, enough for every kernel
+_PAD = 4  # pixels added around a panorama as source, enough for every kernel; smoothing reaches 1.8 ratios further
 _LEAST_COVER = 0.5  # share of the kernel's weight that must lie on seen pixels
 
 Tile = tuple[slice, slice]
@@ -98,9 +98,8 @@ def remap(
     if interpolation not in INTERPOLATIONS:
         raise UsageError(f"interpolation {interpolation!r} is not one of {', '.join(INTERPOLATIONS)}")
     source_from_target = np.eye(3) if target_from_source is None else np.asarray(target_from_source, float).T
-    if interpolation != "nearest":
-        image = smoothed(image, pixels_per_radian(source) / pixels_per_radian(target))
-    read = _reader(image, source, source_from_target, interpolation)
+    ratio = 1.0 if interpolation == "nearest" else pixels_per_radian(source) / pixels_per_radian(target)
+    read = _reader(image, source, source_from_target, interpolation, ratio)
     width, height = target.size
     result = np.zeros((height, width, *image.shape[2:]), image.dtype)
     weight = np.zeros((height, width), np.float32)
@@ -116,14 +115,19 @@ def remap(
 _Reader = Callable[[FloatArray], tuple[NDArray[Any], NDArray[np.float32]]]
 
 
-def _reader(image: NDArray[Any], source: Projection, turn: FloatArray, interpolation: Interpolation) -> _Reader:
-    """A function from target rays (h, w, 3) to values and weights."""
+def _reader(
+    image: NDArray[Any], source: Projection, turn: FloatArray, interpolation: Interpolation, ratio: float
+) -> _Reader:
+    """A function from target rays (h, w, 3) to values and weights; `ratio` is how much coarser the target is."""
     if isinstance(source, Equirectangular):
-        return _panorama_reader(image, source, turn, interpolation)
+        return _panorama_reader(image, source, turn, interpolation, ratio)
     fast = tabulate(source) if isinstance(source, Camera) else source
     width, height = source.size
     seen = _seen(fast)
-    masked = image if seen is None else image * seen.reshape(*seen.shape, *[1] * (image.ndim - 2)).astype(image.dtype)
+    if seen is not None:
+        image = image * seen.reshape(*seen.shape, *[1] * (image.ndim - 2)).astype(image.dtype)
+        seen = smoothed(seen, ratio)
+    image = smoothed(image, ratio)
 
     def read(rays: FloatArray) -> tuple[NDArray[Any], NDArray[np.float32]]:
         if isinstance(fast, RayTable):
@@ -134,7 +138,7 @@ def _reader(image: NDArray[Any], source: Projection, turn: FloatArray, interpola
         with np.errstate(invalid="ignore"):
             inside = (u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)
         pixels[~inside] = np.nan
-        values = sample(masked, pixels, interpolation)
+        values = sample(image, pixels, interpolation)
         if seen is not None:
             cover = sample(seen, pixels, interpolation)
             inside &= cover >= _LEAST_COVER
@@ -167,16 +171,17 @@ def _divided(values: NDArray[Any], cover: NDArray[np.float32]) -> NDArray[Any]:
 
 
 def _panorama_reader(
-    image: NDArray[Any], source: Equirectangular, turn: FloatArray, interpolation: Interpolation
+    image: NDArray[Any], source: Equirectangular, turn: FloatArray, interpolation: Interpolation, ratio: float
 ) -> _Reader:
-    """The panorama is padded once: wrapped sideways, turned by half past the poles."""
-    half = image.shape[1] // 2
-    top, bottom = np.roll(image[:_PAD][::-1], half, axis=1), np.roll(image[-_PAD:][::-1], half, axis=1)
+    """The panorama is padded once, before it is smoothed: wrapped sideways, turned by half past the poles."""
+    height, width = image.shape[:2]
+    pad = min(_PAD + math.ceil(2 * ratio), height)
+    top, bottom = (np.roll(rows[::-1], width // 2, axis=1) for rows in (image[:pad], image[-pad:]))
     tall = np.concatenate([top, image, bottom])
-    padded = np.ascontiguousarray(np.concatenate([tall[:, -_PAD:], tall, tall[:, :_PAD]], axis=1))
+    padded = smoothed(np.ascontiguousarray(np.concatenate([tall[:, -pad:], tall, tall[:, :pad]], axis=1)), ratio)
 
     def read(rays: FloatArray) -> tuple[NDArray[Any], NDArray[np.float32]]:
-        pixels = (source.project(rays @ turn.T) + _PAD).astype(np.float32)
+        pixels = (source.project(rays @ turn.T) + pad).astype(np.float32)
         return sample(padded, pixels, interpolation), np.isfinite(pixels[..., 0]).astype(np.float32)
 
     return read
