@@ -31,8 +31,9 @@ def sample(image: NDArray[Any], pixels: NDArray[np.float32], interpolation: Inte
     if max(image.shape[:2]) > _CV_LIMIT:
         image, at = _window(image, at, outside)
     values = cv2.remap(image, at, None, INTERPOLATIONS[interpolation], borderMode=cv2.BORDER_REPLICATE)
+    values = np.asarray(values).reshape(*outside.shape, *image.shape[2:])  # OpenCV drops the axis of a single channel
     values[outside] = 0
-    return np.asarray(values)
+    return values
 
 
 def _window(
@@ -57,4 +58,4 @@ def smoothed(image: NDArray[Any], ratio: float) -> NDArray[Any]:
     if ratio <= 1.05:
         return image
     sigma = 0.45 * float(np.sqrt(ratio**2 - 1))
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE))
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)).reshape(image.shape)
