@@ -79,7 +79,7 @@ class Camera:
 
     def __post_init__(self) -> None:
         width, height = self.size
-        if not (width == int(width) and height == int(height) and 0 < min(self.size) <= max(self.size) <= MAX_SIDE_PX):
+        if not all(1 <= side <= MAX_SIDE_PX and side == int(side) for side in self.size):
             raise CameraError(f"camera: image size {width} x {height} is not between 1 and {MAX_SIDE_PX} pixels a side")
         u0, v0 = self.centre
         if not (abs(u0) <= 10 * MAX_SIDE_PX and abs(v0) <= 10 * MAX_SIDE_PX):
@@ -172,10 +172,10 @@ class Camera:
             n2 = rho**2 + z**2
             bend = slope * z / n2 - g
             along = slope / n2
-        zero = np.zeros_like(g)
-        d_radius = np.stack([cos_phi, sin_phi, zero], -1)  # d rho / d ray
-        d_u = np.stack([g, zero, -along * x], -1) + (cos_phi * bend)[..., None] * d_radius
-        d_v = np.stack([zero, g, -along * y], -1) + (sin_phi * bend)[..., None] * d_radius
+            zero = np.zeros_like(g)
+            d_radius = np.stack([cos_phi, sin_phi, zero], -1)  # d rho / d ray
+            d_u = np.stack([g, zero, -along * x], -1) + (cos_phi * bend)[..., None] * d_radius
+            d_v = np.stack([zero, g, -along * y], -1) + (sin_phi * bend)[..., None] * d_radius
 
         by_lens = self.lens.radius_by_parameter(theta)
         one = np.ones_like(g)[..., None]

@@ -232,7 +232,7 @@ class BaksteinPajdla(Lens):
     def theta_max(self) -> float:
         """The first angle at which dr/dtheta is no longer positive, or the pole of the tangent, or pi."""
         limit = min(self.b * _RIGHT_ANGLE, _HALF_TURN)
-        theta = np.linspace(0.0, limit, 2049)[:-1]
+        theta = np.linspace(0.0, limit, 2049)  # the limit too: before a pole of a < 0 the fall is short and steep
         falls = np.flatnonzero(~(self.slope(theta) > 0))
         if falls.size == 0:
             return limit

@@ -41,7 +41,7 @@ class Equirectangular:
         u = (np.arctan2(x, z) / (2 * math.pi) + 0.5) * width - 0.5
         v = (0.5 + np.arctan2(y, np.hypot(x, z)) / math.pi) * height - 0.5
         u = np.where(u >= width - 0.5, u - width, u)  # longitude +180 and -180 are one column
-        direction = (x != 0) | (y != 0) | (z != 0)
+        direction = np.abs(x) + np.abs(y) + np.abs(z) > 0  # False for NaN too
         return np.where(direction[..., None], np.stack([u, v], -1), np.nan)
 
     def unproject(self, pixels: ArrayLike) -> FloatArray:
