@@ -1,0 +1,156 @@
+"""The laws of radial projections, over every lens and its whole domain."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fullsphere.model.errors import CameraError
+from fullsphere.model.lens import LENSES, BaksteinPajdla, Lens, ScaledStereographic, angle_of_radius
+from laws import PROJECTIONS, SEEDS, central_difference, hard_angles, law, lenses, widest
+
+every_lens = pytest.mark.parametrize("projection", PROJECTIONS)
+
+
+def made(projection: str, *values: float) -> Lens:
+    return LENSES[projection](*values)
+
+
+def typical(projection: str) -> Lens:
+    values = {"scaled-stereographic": (300.0, 1.7), "bakstein-pajdla": (1350.0, 2.11, 420.0, 1.13)}
+    return made(projection, *values.get(projection, (300.0,)))
+
+
+@every_lens
+@given(data=st.data())
+@law()
+def test_slope_is_the_derivative_of_radius(projection: str, data: st.DataObject) -> None:
+    lens = data.draw(lenses(projection))
+    theta = hard_angles(0.98 * widest(lens), data.draw(SEEDS))
+    measured = central_difference(lambda t: lens.radius(t), theta[:, None], 1e-4)[:, 0, 0]
+    steepest = np.max(np.abs(lens.slope(theta)))
+    np.testing.assert_allclose(lens.slope(theta), measured, rtol=1e-7, atol=1e-8 * steepest)
+
+
+@every_lens
+@given(data=st.data())
+@law()
+def test_radius_by_parameter_is_the_derivative_of_radius(projection: str, data: st.DataObject) -> None:
+    lens = data.draw(lenses(projection))
+    theta = hard_angles(0.9 * widest(lens), data.draw(SEEDS))
+    values = np.array(lens.values)
+    step = 1e-4 * np.maximum(np.abs(values), 1e-3)
+    measured = central_difference(lambda v: lens.with_values(v).radius(theta), values, step)
+    by_parameter = lens.radius_by_parameter(theta)
+    assert by_parameter.shape == (*theta.shape, len(lens.parameters))
+    scale = np.max(np.abs(by_parameter), axis=0) + np.max(np.abs(lens.radius(theta))) / np.maximum(np.abs(values), 1e-3)
+    np.testing.assert_allclose(by_parameter / scale, measured / scale, atol=1e-8)
+
+
+@every_lens
+@given(data=st.data())
+@law()
+def test_radius_grows_from_zero_over_the_whole_domain(projection: str, data: st.DataObject) -> None:
+    lens = data.draw(lenses(projection))
+    assert lens.radius(0.0) == 0
+    assert 0 < lens.theta_max <= math.pi
+    theta = np.linspace(0, lens.theta_max * (1 - 1e-6), 3001)
+    assert np.all(np.isfinite(lens.radius(theta)))
+    assert np.all(np.diff(lens.radius(theta)) > 0)
+    assert np.all(lens.slope(theta) > 0)
+
+
+@every_lens
+@given(data=st.data())
+@law()
+def test_angle_of_radius_inverts_radius(projection: str, data: st.DataObject) -> None:
+    lens = data.draw(lenses(projection))
+    limit = data.draw(st.one_of(st.just(1.0), st.floats(0.1, 1.0))) * widest(lens)
+    lens = lens.scaled(2000 / float(lens.radius(limit)))  # a radius of 2000 px: 1e-9 px is then 5e-13 of it
+    seed = data.draw(SEEDS)
+    radius = np.concatenate([np.random.default_rng(seed).uniform(0, 2000, 200), [0.0, 1e-300, 1e-12, 1e-6, 2000.0]])
+    found = angle_of_radius(lens, radius, limit)
+    assert np.all((found >= 0) & (found <= limit))
+    np.testing.assert_allclose(lens.radius(found), radius, rtol=0, atol=1e-9)
+    theta = hard_angles(limit, seed)
+    back = angle_of_radius(lens, lens.radius(theta), limit)
+    np.testing.assert_allclose((back - theta) * lens.slope(theta), 0, atol=1e-9)
+
+
+@every_lens
+def test_angle_of_radius_keeps_the_shape_and_is_nan_outside(projection: str) -> None:
+    lens, limit = typical(projection), 0.9 * widest(typical(projection))
+    rim = float(lens.radius(limit))
+    radius = np.array([[-1.0, -1e-6, 0.0], [rim, rim * (1 + 1e-9), np.nan], [rim / 2, rim + 1, math.inf]])
+    found = angle_of_radius(lens, radius, limit)
+    np.testing.assert_array_equal(np.isnan(found), [[1, 1, 0], [0, 1, 1], [0, 1, 1]])
+    assert angle_of_radius(lens, rim / 3, limit).shape == ()
+
+
+@every_lens
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e8, -1e8])
+def test_a_value_that_is_no_parameter_is_refused_by_its_key(projection: str, bad: float) -> None:
+    values = typical(projection).values
+    for k, parameter in enumerate(typical(projection).parameters):
+        with pytest.raises(CameraError, match=parameter.key):
+            made(projection, *values[:k], bad, *values[k + 1 :])
+
+
+@every_lens
+def test_lengths_and_ratios_are_positive(projection: str) -> None:
+    lens = typical(projection)
+    for k, parameter in enumerate(lens.parameters):
+        if parameter.lower == 0:
+            for bad in (0.0, -lens.values[k]):
+                with pytest.raises(CameraError, match=parameter.key):
+                    lens.with_values([*lens.values[:k], bad, *lens.values[k + 1 :]])
+
+
+@pytest.mark.parametrize("values", [(100.0, 2.0, -100.0, 1.0), (-100.0, 2.0, 10.0, 1.0), (0.0, 2.0, 0.0, 1.0)])
+def test_a_lens_that_falls_at_the_axis_is_refused(values: tuple[float, float, float, float]) -> None:
+    with pytest.raises(CameraError, match="grow"):
+        BaksteinPajdla(*values)
+
+
+@given(lens=lenses("bakstein-pajdla"))
+@law(60)
+def test_bakstein_pajdla_ends_where_its_slope_vanishes(lens: BaksteinPajdla) -> None:
+    end = lens.theta_max
+    if end < min(lens.b * math.pi / 2, math.pi):
+        assert lens.slope(end) == pytest.approx(0, abs=1e-9 * float(np.abs(lens.slope(np.linspace(0, end, 99))).max()))
+        assert lens.slope(end + 1e-6) < 0 < lens.slope(end - 1e-6)
+
+
+@pytest.mark.parametrize("a", [-1e-3, -1e-9])
+def test_bakstein_pajdla_turns_before_the_pole_of_a_falling_tangent(a: float) -> None:
+    lens = BaksteinPajdla(a, 1.0, 100.0, 2.0)
+    assert lens.theta_max < math.pi / 2
+    assert lens.slope(lens.theta_max + 1e-7) < 0
+    assert lens.radius(lens.theta_max) == pytest.approx(100 * math.sin(math.pi / 4), abs=0.5)
+
+
+def test_bakstein_pajdla_of_a_sine_alone_ends_at_its_crest() -> None:
+    assert BaksteinPajdla(1e-9, 2.5, 300.0, 1.2).theta_max == pytest.approx(1.2 * math.pi / 2, abs=1e-9)
+    assert ScaledStereographic(300.0, 1.3).theta_max == pytest.approx(1.3 * math.pi / 2)
+    assert ScaledStereographic(300.0, 2.3).theta_max == math.pi
+
+
+@every_lens
+@given(data=st.data(), factor=st.floats(0.01, 50))
+@law(10)
+def test_scaled_lens_images_everything_that_much_further_out(
+    projection: str, data: st.DataObject, factor: float
+) -> None:
+    lens = data.draw(lenses(projection))
+    theta = hard_angles(widest(lens), 0)
+    np.testing.assert_allclose(lens.scaled(factor).radius(theta), factor * lens.radius(theta), rtol=1e-10, atol=1e-10)
+    assert lens.scaled(factor).theta_max == pytest.approx(lens.theta_max, abs=1e-6)
+
+
+@every_lens
+def test_with_values_replaces_all_in_the_order_of_parameters(projection: str) -> None:
+    lens = typical(projection)
+    assert lens.with_values(lens.values) == lens
+    assert tuple(getattr(lens, p.name) for p in lens.parameters) == lens.values
