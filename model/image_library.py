@@ -27,9 +27,9 @@ from OpenImageIO import ImageInput, ImageOutput, ImageSpec, TypeDesc
 from fullsphere.model.errors import InputError
 from fullsphere.model.files import input_errors
 
-# With more than two threads OpenImageIO compresses the tiles of a TIFF by itself, with fewer libtiff does it, to other
-# bytes.  A fixed number keeps a panorama's bytes the same on every machine, and this one takes the quicker way.
-OpenImageIO.attribute("threads", 4)
+# With more than two threads OpenImageIO compresses the tiles of a TIFF by itself: the bytes then differ from run to run
+# and are a fifth more, and it takes twice the time.  Pictures are read in parallel by our own pool.
+OpenImageIO.attribute("threads", 1)
 
 __all__ = [
     "MAX_PIXELS",

@@ -16,7 +16,7 @@ import numpy as np
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import CameraError, InputError
 from fullsphere.model.files import read_json, write_json
-from fullsphere.model.lens import LENSES, FloatArray, Lens
+from fullsphere.model.lens import LENSES, Lens
 
 FORMAT = "fullsphere-camera/1"
 
@@ -81,7 +81,7 @@ def camera_to_dict(
         "centre_px": list(camera.centre),
         "aspect": camera.aspect,
         "half_field_of_view_deg": math.degrees(camera.half_fov),
-        "curve": dict(curve) if curve is not None else _sampled(camera),
+        "curve": _sampled(camera) if curve is None else {key: np.asarray(v).tolist() for key, v in curve.items()},
     }
     return value if calibration is None else {**value, "calibration": dict(calibration)}
 
@@ -134,9 +134,10 @@ def camera_from_dict(value: Any, where: str, besides: Collection[str] = ()) -> C
     return camera
 
 
-def _sampled(camera: Camera) -> dict[str, FloatArray]:
+def _sampled(camera: Camera) -> dict[str, list[float]]:
     theta_deg = np.arange(math.floor(math.degrees(camera.half_fov) * (1 + _ROUNDING)) + 1.0)
-    return {"theta_deg": theta_deg, "r_px": camera.lens.radius(np.minimum(np.radians(theta_deg), camera.half_fov))}
+    r_px = camera.lens.radius(np.minimum(np.radians(theta_deg), camera.half_fov))
+    return {"theta_deg": theta_deg.tolist(), "r_px": r_px.tolist()}
 
 
 def _lens(value: Any, where: str) -> Lens:

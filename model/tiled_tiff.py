@@ -38,7 +38,7 @@ class TiledTiff:
         self._height, self._width, channels = shape
         spec = ImageSpec(self._width, self._height, channels, str(dtype).replace("float32", "float"))
         spec.tile_width = spec.tile_height = TILE_SIDE
-        spec.attribute("compression", "zip:4")
+        spec.attribute("compression", "zip")
         if channels == 4:
             spec.alpha_channel = 3
             spec.attribute("oiio:UnassociatedAlpha", 1)
