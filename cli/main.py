@@ -103,7 +103,9 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         allow_abbrev=False,
         description="Calibrates ultra-wide lenses and makes full-sphere panoramas.",
     )
-    parser.add_argument("--version", action=_ShowVersion, nargs=0, help="print the version and leave")
+    parser.add_argument(
+        "--version", action=_ShowVersion, nargs=0, default=argparse.SUPPRESS, help="print the version and leave"
+    )
     commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="command")
     asked = next((word for word in arguments if not word.startswith("-")), None)
     for name, line in COMMANDS.items():
