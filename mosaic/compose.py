@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -76,7 +77,7 @@ def compose(
     Bands of rows from top to bottom that partition the picture.
     """
     table = tabulate(mosaic.camera, 1e-3)
-    lights = _LightCache(pixels_per_radian(mosaic.camera) / pixels_per_radian(surface))
+    lights = _LightCache(mosaic.camera, pixels_per_radian(mosaic.camera) / pixels_per_radian(surface))
     width, height = surface.size
 
     def render(tile: Tile) -> NDArray[np.generic]:
@@ -148,11 +149,31 @@ def _trust(brightest: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(1 - (1 - _CLIPPED_WEIGHT) * t * t * (3 - 2 * t), np.float32)
 
 
+def _filled(colour: NDArray[np.float32], seen: NDArray[np.float32], ratio: float) -> NDArray[np.float32]:
+    """The picture (h, w, 3) with the mean of what was seen nearby where nothing was `seen` (h, w).
+
+    So neither the smoothing for a panorama `ratio` times coarser nor the kernel brings in what lies there.
+    """
+    sigma = 1 + ratio
+    share = cv2.GaussianBlur(seen, (0, 0), sigma)[..., None]
+    nearby = cv2.GaussianBlur(colour * seen[..., None], (0, 0), sigma) / np.maximum(share, 1e-12)
+    return np.where(seen[..., None] > 0, colour, nearby)
+
+
+def _field_of_view(camera: Camera) -> NDArray[np.float32]:
+    """1 for the pixels (h, w) within the image circle, else 0."""
+    v, u = np.ogrid[: camera.size[1], : camera.size[0]]
+    r = np.hypot(u - camera.centre[0], (v - camera.centre[1]) / camera.aspect)
+    return (r <= camera.lens.radius(camera.half_fov)).astype(np.float32)
+
+
 class _LightCache:
     """The frames' linear light, the latest used kept in memory; safe to ask from several threads."""
 
-    def __init__(self, ratio: float) -> None:
+    def __init__(self, camera: Camera, ratio: float) -> None:
         self._ratio = ratio
+        rim_px = _RIM * float(camera.lens.slope(camera.half_fov - _RIM))
+        self._within = _field_of_view(camera) if rim_px < 2 + 2 * ratio else None  # else no kernel reaches beyond
         self._kept: OrderedDict[str, _Light] = OrderedDict()
         self._lock = threading.Lock()
         self._loading: dict[str, threading.Lock] = {}
@@ -181,4 +202,7 @@ class _LightCache:
         if colour.shape[2] == 1:
             colour = np.repeat(colour, 3, axis=2)
         mask = (picture[..., 3] > 0).astype(np.float32) if picture.shape[2] == 4 else None
+        seen = [part for part in (mask, self._within) if part is not None]
+        if seen:
+            colour = _filled(colour, np.prod(seen, axis=0), self._ratio)
         return _Light(smoothed(colour, self._ratio), mask, picture.dtype != np.float32)
