@@ -71,6 +71,8 @@ def _levels(
     channels = np.moveaxis(colour, -1, 0)
     grey, brightest = sum(channels) / np.float32(len(channels)), functools.reduce(np.maximum, channels)
     usable = ((brightest < _CLIPPED * limit) & (grey > _DARK)).astype(np.float32)
+    if picture.shape[2] == 4:
+        usable *= picture[..., 3] > 0
     factor = min(1.0, _SIDE_PX / max(picture.shape[:2]))
     grey = cv2.blur(grey, (round(1 / factor),) * 2)
     usable = cv2.blur(usable, (round(1 / factor),) * 2)
