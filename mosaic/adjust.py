@@ -24,6 +24,7 @@ from fullsphere.model.lens import FloatArray, angle_of_radius
 from fullsphere.mosaic.project import Link
 
 _MAX_STEPS = 60
+_UNDETERMINED = 1e-10  # eigenvalue of the rotations' unit-diagonal Hessian: matches within a thousandth of a degree
 _WIDEST = math.radians(140)  # half field of view that a camera may grow to while its lens is being found
 
 
@@ -254,6 +255,9 @@ def _sigma(state: _State, slot: dict[int, int]) -> FloatArray:
     spread = float(np.median(np.concatenate(state.residuals))) / math.sqrt(2 * math.log(2))
     scale = _unit_scale(state.hessian)
     scaled = state.hessian * scale * scale[:, None]
+    turns = 3 * (len(slot) - 1)
+    if turns and np.linalg.eigvalsh(scaled[:turns, :turns])[0] < _UNDETERMINED:
+        raise GeometryError("the matches do not determine the frames' orientations")
     variance = np.diag(np.linalg.pinv(scaled, hermitian=True)) * scale**2 * spread**2
     sigma = np.zeros(len(state.rotations))
     for frame, k in slot.items():
