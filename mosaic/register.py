@@ -74,6 +74,8 @@ def register(
         If no two frames can be registered.
     """
     usable = [k for k, frame in enumerate(frames) if not frame.reason]
+    if len(usable) < 2:
+        raise GeometryError(f"a mosaic needs two frames or more that can be used, not {len(usable)}")
     circle = None if camera is not None else _common_circle([frames[k] for k in usable])
     most = 5000 if len(usable) <= 16 else 2500
     seen = ordered_map(
