@@ -1,0 +1,30 @@
+"""Many pictures -> one sphere: registration, photometry, composition, and worlds with known truth to try them on.
+
+The names of `__all__` can be imported from here; each loads its module when it is first used.
+"""
+
+from typing import TYPE_CHECKING
+
+from fullsphere.model.lazy import offer
+
+if TYPE_CHECKING:
+    from fullsphere.mosaic.compose import compose
+    from fullsphere.mosaic.frames import open_frames
+    from fullsphere.mosaic.project import Frame, Link, Mosaic
+    from fullsphere.mosaic.register import register
+    from fullsphere.mosaic.stitch import solve
+    from fullsphere.mosaic.store import save_mosaic
+
+__all__ = ["Frame", "Link", "Mosaic", "compose", "open_frames", "register", "save_mosaic", "solve"]
+
+offer(
+    __name__,
+    {
+        "compose": ("compose",),
+        "frames": ("open_frames",),
+        "project": ("Frame", "Link", "Mosaic"),
+        "register": ("register",),
+        "stitch": ("solve",),
+        "store": ("save_mosaic",),
+    },
+)
