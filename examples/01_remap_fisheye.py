@@ -1,0 +1,55 @@
+"""Turns one fisheye frame into a full-sphere picture, and says how much of the sphere it saw.
+
+    python 01_remap_fisheye.py [FOLDER]
+
+A camera is a lens, a picture size, a centre and a field of view.  Any picture is resampled from its own projection
+into another one; the weight that comes with the pixels says where the source saw anything at all.
+"""
+
+import math
+import sys
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from fullsphere.model import BaksteinPajdla, Camera, Equirectangular, remap, tabulate
+from fullsphere.mosaic.worlds import environment, furnished_room, photograph
+
+
+def main(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    half_fov = math.radians(91.5)
+    lens = BaksteinPajdla(a=306.0, b=2.11, c=95.5, d=1.13)
+    camera = Camera(lens, size=(800, 800), centre=(401.5, 397.0), half_fov=half_fov)
+    room = environment(furnished_room(seed=1, texel_mm=8), face_px=400)
+    frame = photograph(room, camera, np.eye(3))
+
+    sphere = Equirectangular((1600, 800))
+    panorama, weight = remap(frame, camera, sphere)
+    back, seen = remap(panorama, sphere, camera)
+
+    latitude = np.radians(90 - 180 * (np.arange(800) + 0.5) / 800)
+    covered = np.average(weight.mean(axis=1), weights=np.cos(latitude))
+    print(
+        f"field of view {2 * math.degrees(half_fov):.1f} degrees, image circle {lens.radius(half_fov):.0f} px in radius"
+    )
+    print(f"table of the lens: at most {tabulate(camera).error_px:.1e} px from the exact camera")
+    print(f"sphere covered: {100 * covered:.2f} %, expected {50 * (1 - math.cos(half_fov)):.2f} %")
+    inside = camera.unproject(np.stack(np.meshgrid(np.arange(800), np.arange(800)), -1))[..., 2] > 0
+    difference = np.abs(back.astype(float) - frame)[inside & (seen > 0)]
+    print(f"there and back again: pixels change by {difference.mean():.2f} of 255 on average")
+
+    for name, picture in (("fisheye.png", frame), ("sphere.png", panorama)):
+        cv2.imwrite(str(folder / name), picture[..., ::-1])
+        print(folder / name)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        main(Path(sys.argv[1]))
+    else:
+        with tempfile.TemporaryDirectory() as temporary:
+            main(Path(temporary))
+        print("(removed again; name a folder to keep what is written)")
