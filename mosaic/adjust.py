@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,9 +43,14 @@ class Adjustment(NamedTuple):
 
 
 class _Problem(NamedTuple):
-    """What stays the same: links, place of each frame's unknowns (-1: none), free camera columns, robust scale."""
+    """What stays the same: links, place of each frame's unknowns (-1: none), free camera columns, robust scale.
+
+    `matches` holds those of all links one after the other, with frame numbers (m,): one call of the camera for them
+    all costs far less than one for each of hundreds of links.
+    """
 
     links: Sequence[Link]
+    matches: _Matches
     slot: dict[int, int]
     columns: list[int]
     scale: float
@@ -53,6 +58,25 @@ class _Problem(NamedTuple):
     @property
     def unknowns(self) -> int:
         return 3 * (len(self.slot) - 1) + len(self.columns)
+
+
+class _Matches(NamedTuple):
+    """Matched pixels (m, 2) in frames i and j, one pair of frames for all or (m,) of them."""
+
+    i: Any
+    j: Any
+    pixels_i: FloatArray
+    pixels_j: FloatArray
+
+    @classmethod
+    def of(cls, links: Sequence[Link]) -> Self:
+        count = [len(link.pixels_i) for link in links]
+        return cls(
+            np.repeat([link.i for link in links], count),
+            np.repeat([link.j for link in links], count),
+            np.concatenate([link.pixels_i for link in links]),
+            np.concatenate([link.pixels_j for link in links]),
+        )
 
 
 class _State(NamedTuple):
@@ -101,7 +125,8 @@ def adjust(
         If the matches do not determine the rotations.
     """
     slot = {int(frame): k - 1 for k, frame in enumerate(group)}  # the first frame holds the world: -1
-    problem = _Problem(links, slot, [camera.parameter_names.index(name) for name in free], robust_scale_px)
+    columns = [camera.parameter_names.index(name) for name in free]
+    problem = _Problem(links, _Matches.of(links), slot, columns, robust_scale_px)
     state = _evaluate(problem, rotations, camera)
     damping = 1e-4
     for _ in range(_MAX_STEPS):
@@ -122,25 +147,28 @@ def _evaluate(problem: _Problem, rotations: FloatArray, camera: Camera) -> _Stat
     """Cost sum of scale^2 log(1 + (r/scale)^2), and the normal equations with its weights 1/(1 + (r/scale)^2)."""
     hessian, gradient = np.zeros((problem.unknowns, problem.unknowns)), np.zeros(problem.unknowns)
     shared = np.arange(problem.unknowns - len(problem.columns), problem.unknowns)
-    cost, residuals = 0.0, []
-    for link in problem.links:
-        linear = _linearise(link, rotations, camera)
-        squared = (linear.residual**2).sum(1)
-        relative = squared / problem.scale**2
-        cost += float(np.log1p(relative).sum()) * problem.scale**2
-        residuals.append(np.sqrt(squared))
-        blocks, places = [linear.by_camera[..., problem.columns]], [shared]
-        for frame, block in ((link.i, linear.by_i), (link.j, linear.by_j)):
+    linear = _linearise(problem.matches, rotations, camera)
+    squared = (linear.residual**2).sum(1)
+    relative = squared / problem.scale**2
+    root = np.sqrt(1 / (1 + relative))
+    residual = linear.residual * root[:, None]
+    by_camera, by_i, by_j = (
+        block * root[:, None, None] for block in (linear.by_camera[..., problem.columns], linear.by_i, linear.by_j)
+    )
+    ends = np.cumsum([len(link.pixels_i) for link in problem.links])
+    for link, end in zip(problem.links, ends, strict=True):
+        own = slice(end - len(link.pixels_i), end)
+        blocks, places = [by_camera[own]], [shared]
+        for frame, block in ((link.i, by_i), (link.j, by_j)):
             if problem.slot[frame] >= 0:
-                blocks.append(block)
+                blocks.append(block[own])
                 places.append(np.arange(3) + 3 * problem.slot[frame])
-        root = np.sqrt(1 / (1 + relative))
-        jacobian = np.concatenate(blocks, -1) * root[:, None, None]
-        jacobian = jacobian.reshape(-1, jacobian.shape[-1])
+        jacobian = np.concatenate(blocks, -1).reshape(-1, sum(map(len, places)))
         where = np.concatenate(places)
         hessian[np.ix_(where, where)] += jacobian.T @ jacobian
-        gradient[where] += jacobian.T @ (linear.residual * root[:, None]).ravel()
-    return _State(rotations, camera, cost, residuals, hessian, gradient)
+        gradient[where] += jacobian.T @ residual[own].ravel()
+    cost = float(np.log1p(relative).sum()) * problem.scale**2
+    return _State(rotations, camera, cost, np.split(np.sqrt(squared), ends[:-1]), hessian, gradient)
 
 
 class _Linear(NamedTuple):
@@ -152,12 +180,12 @@ class _Linear(NamedTuple):
     by_camera: FloatArray
 
 
-def _linearise(link: Link, rotations: FloatArray, camera: Camera) -> _Linear:
+def _linearise(matches: _Matches | Link, rotations: FloatArray, camera: Camera) -> _Linear:
     open_camera = _opened(camera)
-    ray_i = open_camera.unproject(link.pixels_i)
+    ray_i = open_camera.unproject(matches.pixels_i)
     at_i = open_camera.project_with_jacobians(ray_i)
-    turn = rotations[link.j] @ rotations[link.i].T
-    ray_j = ray_i @ turn.T
+    turn = rotations[matches.j] @ np.swapaxes(rotations[matches.i], -1, -2)
+    ray_j = (turn @ ray_i[..., None])[..., 0]
     at_j = open_camera.project_with_jacobians(ray_j)
     # The ray of a fixed pixel: J is blind along the ray, so its pseudo-inverse moves the ray on the sphere only.
     ji = at_i.d_pixel_d_ray
@@ -166,7 +194,7 @@ def _linearise(link: Link, rotations: FloatArray, camera: Camera) -> _Linear:
     carried = through @ ji_transposed @ _inverse(ji @ ji_transposed)  # A = d u_j / d u_i
     whiten = _inverse_root(np.eye(2) + carried @ np.swapaxes(carried, 1, 2))
     return _Linear(
-        (whiten @ (at_j.pixels - link.pixels_j)[..., None])[..., 0],
+        (whiten @ (at_j.pixels - matches.pixels_j)[..., None])[..., 0],
         whiten @ through @ _cross_matrix(ray_i),
         -whiten @ at_j.d_pixel_d_ray @ _cross_matrix(ray_j),
         whiten @ (at_j.d_pixel_d_parameter - carried @ at_i.d_pixel_d_parameter),

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,33 +15,20 @@ from fullsphere.model.circle import ImageCircle, brightest, find_circle
 from fullsphere.model.errors import GeometryError
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.workers import ordered_map
-from fullsphere.mosaic.adjust import Adjustment, adjust
 from fullsphere.mosaic.features import Features, find_features
 from fullsphere.mosaic.level import level_turn
-from fullsphere.mosaic.matching import MIN_INLIERS, Matches, fit_rotation, match_features
-from fullsphere.mosaic.orientation import connected_groups, disagreement_deg, first_orientations
-from fullsphere.mosaic.project import Frame, Link, Mosaic, Picture
-from fullsphere.mosaic.self_calibration import as_bakstein_pajdla, best_start, image_radius, starting_cameras
+from fullsphere.mosaic.links import Progress, gather_evidence
+from fullsphere.mosaic.matching import MIN_INLIERS
+from fullsphere.mosaic.project import Frame, Mosaic, Picture
+from fullsphere.mosaic.self_calibration import TOLERANCE_PX, image_radius, self_calibrate, starting_cameras
+from fullsphere.mosaic.solution import Solution, solve_links
 
-TOLERANCE_PX = 4.0  # how well a match must agree with a rotation once the camera is known
-_CLEARLY_BETTER = 0.8  # pixels are taken for square unless another aspect leaves less than this share of the cost
-_AGREEMENT_DEG = 6.0  # a link further from the averaged orientations is of another thing that looks the same
-_SAMPLE = 150  # matches of a link that are enough while the camera is being found
 _RIM = 0.985  # of the image circle's radius: beyond it the rim itself would give keypoints
-
-Progress = Callable[..., Iterable[Any]]
-"""Wraps an iterable to show how far it is: progress(items, title=..., total=...)."""
 
 
 def no_progress(items: Iterable[Any], title: str = "", total: int | None = None) -> Iterable[Any]:
     """The items themselves: the default, which shows nothing."""
     return items
-
-
-class _Solution(NamedTuple):
-    links: list[Link]
-    group: NDArray[np.intp]
-    adjustment: Adjustment
 
 
 def register(
@@ -82,17 +68,12 @@ def register(
         executor, lambda k: find_features(*_with_mask(frames[k].load(), camera, circle), most), usable, ahead=4
     )
     features = dict(zip(usable, progress(seen, title="finding features", total=len(usable)), strict=True))
-    pairs = list(itertools.combinations(usable, 2))
-    matched = ordered_map(executor, lambda ij: match_features(features[ij[0]], features[ij[1]]), pairs)
-    matches = dict(zip(pairs, progress(matched, title="matching frames", total=len(pairs)), strict=True))
-
-    def find_links(trial: Camera, tolerance_px: float) -> list[Link]:
-        return list(_links(features, matches, trial, tolerance_px, executor))
-
+    evidence = gather_evidence(features, executor, progress)
     if camera is None:
-        solution = _self_calibrate(frames[usable[0]].size, circle, find_links, len(frames))
+        starts = starting_cameras(frames[usable[0]].size, circle)
+        solution = self_calibrate(evidence, starts, len(frames), executor)
     else:
-        solution = _solve(find_links(camera, TOLERANCE_PX), len(frames), camera)
+        solution = solve_links(evidence.links(camera, TOLERANCE_PX, executor), len(frames), camera)
     return _mosaic(frames, features, solution, self_calibrated=camera is None)
 
 
@@ -134,94 +115,8 @@ def _with_mask(
     return picture, allowed
 
 
-def _links(
-    features: dict[int, Features],
-    matches: dict[tuple[int, int], Matches],
-    camera: Camera,
-    tolerance_px: float,
-    executor: Executor | None,
-) -> Iterable[Link]:
-    rays = {k: camera.unproject(f.pixels) for k, f in features.items()}
-    scale = {k: camera.pixels_per_radian(r) for k, r in rays.items()}
-
-    def link(pair: tuple[int, int]) -> Link | None:
-        (i, j), (first, second) = pair, matches[pair]
-        seen = np.isfinite(rays[i][first, 0]) & np.isfinite(rays[j][second, 0])
-        first, second = first[seen], second[seen]
-        tolerance = tolerance_px * np.hypot(1 / scale[i][first], 1 / scale[j][second])
-        fit = fit_rotation(rays[i][first], rays[j][second], tolerance, seed=i * 100_003 + j)
-        if fit is None:
-            return None
-        a, b = features[i].pixels[first[fit.inliers]], features[j].pixels[second[fit.inliers]]
-        return Link(i, j, a, b, fit.rotation)
-
-    return [found for found in ordered_map(executor, link, list(matches)) if found is not None]
-
-
-def _solve(
-    links: list[Link],
-    count: int,
-    camera: Camera,
-    free: Sequence[str] = (),
-    robust_scales_px: Sequence[float] = (16.0, 4.0, 1.0),
-    tolerance: float = 1e-7,
-) -> _Solution:
-    """Largest group, first orientations without the links that contradict them, adjustment.
-
-    The robust scale falls in steps: a loop that does not close yet is pulled shut first, outliers are judged after.
-    """
-    group = connected_groups(links, count)[0]
-    if len(group) < 2:
-        raise GeometryError(
-            f"no two frames see the same things: no pair has {MIN_INLIERS} matches that agree with a rotation "
-            "(do the frames overlap, and were they taken from one place with this lens?)"
-        )
-    inner = [link for link in links if link.i in group]
-    rotations = first_orientations(inner, group, count)
-    agreeing = [link for link in inner if disagreement_deg(link, rotations) < _AGREEMENT_DEG]
-    if len(agreeing) < len(inner) and agreeing:
-        group = connected_groups(agreeing, count)[0]
-        agreeing = [link for link in agreeing if link.i in group]
-    links = agreeing or inner
-    for scale in robust_scales_px:
-        last = scale == robust_scales_px[-1]
-        adjustment = adjust(links, rotations, group, camera, free, scale, tolerance if last else 1e-3)
-        rotations, camera = adjustment.rotations, adjustment.camera
-    return _Solution(links, group, adjustment)
-
-
-def _self_calibrate(
-    size: tuple[int, int], circle: ImageCircle | None, find_links: Callable[[Camera, float], list[Link]], count: int
-) -> _Solution:
-    """From one length to the whole camera, the matches chosen anew each time the camera is known better.
-
-    On the way a sample of the matches is enough; the last adjustment takes them all.
-    """
-
-    def improve(camera: Camera, links: list[Link], free: Sequence[str], scales: Sequence[float]) -> Adjustment:
-        return _solve([_thinned(link) for link in links], count, camera, free, scales, tolerance=1e-4).adjustment
-
-    camera, links = best_start(starting_cameras(size, circle), find_links)
-    camera = as_bakstein_pajdla(improve(camera, links, ("f_px",), (10.0,)).camera)
-    lens = tuple(p.key for p in camera.lens.parameters)
-    square = (*lens, "centre_u_px", "centre_v_px")
-    for tolerance, free, scales in ((0.015, lens, (5.0,)), (0.01, square, (5.0, 2.0)), (0.005, square, (4.0, 1.0))):
-        links = find_links(camera, max(tolerance * image_radius(camera), TOLERANCE_PX))
-        camera = improve(camera, links, free, scales).camera
-    plain, oblong = (improve(camera, links, free, (1.0,)) for free in (square, (*square, "aspect")))
-    if oblong.cost < _CLEARLY_BETTER * plain.cost:
-        return _solve(find_links(oblong.camera, TOLERANCE_PX), count, oblong.camera, (*square, "aspect"))
-    return _solve(find_links(plain.camera, TOLERANCE_PX), count, plain.camera, square)
-
-
-def _thinned(link: Link) -> Link:
-    """The link with at most `_SAMPLE` of its matches, evenly picked."""
-    step = max(1, len(link.pixels_i) // _SAMPLE)
-    return dataclasses.replace(link, pixels_i=link.pixels_i[::step], pixels_j=link.pixels_j[::step])
-
-
 def _mosaic(
-    frames: Sequence[Frame], features: dict[int, Features], solution: _Solution, self_calibrated: bool
+    frames: Sequence[Frame], features: dict[int, Features], solution: Solution, self_calibrated: bool
 ) -> Mosaic:
     links, group, (rotations, camera, sigma, residuals, _) = solution
     turn, level = level_turn([rotations[k] for k in group])

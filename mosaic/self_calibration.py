@@ -9,13 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 
 import numpy as np
 
 from fullsphere.model.camera import Camera
 from fullsphere.model.circle import ImageCircle
 from fullsphere.model.lens import BaksteinPajdla, Equidistant, Equisolid, Lens, Perspective
+from fullsphere.mosaic.adjust import Adjustment
+from fullsphere.mosaic.links import Evidence
 from fullsphere.mosaic.project import Link
+from fullsphere.mosaic.solution import Solution, solve_links, thinned
 
 CIRCLE_HALF_FOVS_DEG = (75, 82, 88, 94, 100, 108, 118)
 FULL_FRAME_STARTS: tuple[tuple[type[Lens], float], ...] = (
@@ -24,8 +28,12 @@ FULL_FRAME_STARTS: tuple[tuple[type[Lens], float], ...] = (
 )
 """Lens and half of the diagonal field of view in degrees, for frames without a visible circle."""
 
-LinkFinder = Callable[[Camera, float], list[Link]]
-"""Links of all pairs under a camera, with matches that agree within so many pixels."""
+TOLERANCE_PX = 4.0
+"""How well a match must agree with a rotation once the camera is known."""
+
+_START = 0.02  # of the picture's radius: how well matches must agree while the lens is only guessed
+_SAMPLE = 150  # matches of a link that are enough while the camera is being found
+_CLEARLY_BETTER = 0.8  # pixels are taken for square unless another aspect leaves less than this share of the cost
 
 
 def starting_cameras(size: tuple[int, int], circle: ImageCircle | None) -> list[Camera]:
@@ -81,7 +89,46 @@ def as_bakstein_pajdla(camera: Camera) -> Camera:
     return Camera(best[1], camera.size, camera.centre, aspect=camera.aspect, half_fov=camera.half_fov)
 
 
-def best_start(cameras: Sequence[Camera], find_links: LinkFinder) -> tuple[Camera, list[Link]]:
-    """The camera with which most matches agree on rotations within 2 % of the picture's radius, and its links."""
-    found = [(camera, find_links(camera, 0.02 * image_radius(camera))) for camera in cameras]
-    return max(found, key=lambda pair: sum(len(link.pixels_i) for link in pair[1]))
+def self_calibrate(evidence: Evidence, starts: Sequence[Camera], count: int, executor: Executor | None) -> Solution:
+    """From one length to the whole camera, the matches chosen anew each time the camera is known better.
+
+    On the way a sample of the pairs and of their matches is enough; the last adjustment takes them all.
+
+    Parameters
+    ----------
+    evidence
+        What the frames have in common.
+    starts
+        Cameras to try first, of `starting_cameras`.
+    count
+        How many frames there are.
+    executor
+        Where pairs are worked on side by side.
+
+    Raises
+    ------
+    GeometryError
+        If no two frames can be registered under any of the starts.
+    """
+    few, more = evidence.strongest_pairs(2), evidence.strongest_pairs(5)
+
+    def improve(camera: Camera, links: Sequence[Link], free: Sequence[str], scales: Sequence[float]) -> Adjustment:
+        sampled = [thinned(link, _SAMPLE) for link in links]
+        return solve_links(sampled, count, camera, free, scales, tolerance=1e-4).adjustment
+
+    camera = _best_start(starts, lambda start: evidence.links(start, _START * image_radius(start), executor, few))
+    links = evidence.links(camera, _START * image_radius(camera), executor, more)
+    camera = as_bakstein_pajdla(improve(camera, links, ("f_px",), (10.0,)).camera)
+    lens = tuple(p.key for p in camera.lens.parameters)
+    square = (*lens, "centre_u_px", "centre_v_px")
+    for tolerance, free, scales in ((0.015, lens, (5.0,)), (0.01, square, (5.0, 2.0)), (0.005, square, (4.0, 1.0))):
+        links = evidence.links(camera, max(tolerance * image_radius(camera), TOLERANCE_PX), executor, more)
+        camera = improve(camera, links, free, scales).camera
+    plain, oblong = (improve(camera, links, free, (1.0,)) for free in (square, (*square, "aspect")))
+    better, free = (oblong, (*square, "aspect")) if oblong.cost < _CLEARLY_BETTER * plain.cost else (plain, square)
+    return solve_links(evidence.links(better.camera, TOLERANCE_PX, executor), count, better.camera, free)
+
+
+def _best_start(cameras: Sequence[Camera], links_of: Callable[[Camera], list[Link]]) -> Camera:
+    """The camera with which most matches agree on rotations."""
+    return max(cameras, key=lambda camera: sum(len(link.pixels_i) for link in links_of(camera)))

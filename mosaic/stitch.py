@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 
 from fullsphere.model.camera import Camera
+from fullsphere.mosaic.links import Progress
 from fullsphere.mosaic.photometry import estimate_photometry
 from fullsphere.mosaic.project import Frame, Mosaic
-from fullsphere.mosaic.register import Progress, no_progress, register
+from fullsphere.mosaic.register import no_progress, register
 
 
 def solve(

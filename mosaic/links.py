@@ -1,0 +1,80 @@
+"""What the frames have in common: matched keypoints, and the links that a camera makes of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from typing import Any
+
+import numpy as np
+
+from fullsphere.model.camera import Camera
+from fullsphere.model.workers import ordered_map
+from fullsphere.mosaic.features import Features
+from fullsphere.mosaic.matching import Matches, fit_rotation, match_features
+from fullsphere.mosaic.project import Link
+
+Pair = tuple[int, int]
+
+Progress = Callable[..., Iterable[Any]]
+"""Wraps an iterable to show how far it is: progress(items, title=..., total=...)."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Evidence:
+    """All that is known without a camera: the keypoints of each frame by its index, the matches of each pair i < j."""
+
+    features: Mapping[int, Features]
+    matches: Mapping[Pair, Matches]
+
+    def strongest_pairs(self, partners: int) -> list[Pair]:
+        """For each frame the pairs with the `partners` others that it has most matches with, in order."""
+        chosen: set[Pair] = set()
+        for frame in self.features:
+            own = [pair for pair in self.matches if frame in pair]
+            own.sort(key=lambda pair: (-len(self.matches[pair].first), pair))
+            chosen.update(own[:partners])
+        return sorted(chosen)
+
+    def links(
+        self, camera: Camera, tolerance_px: float, executor: Executor | None = None, pairs: Sequence[Pair] | None = None
+    ) -> list[Link]:
+        """Links of the pairs whose matches agree with a rotation under a camera.
+
+        Parameters
+        ----------
+        camera
+            Turns keypoints into rays; those outside its field of view do not count.
+        tolerance_px
+            How many pixels off a match may be.
+        executor
+            Where pairs are worked on side by side.
+        pairs
+            Those to look at, by default all.
+        """
+        rays = {k: camera.unproject(f.pixels) for k, f in self.features.items()}
+        scale = {k: camera.pixels_per_radian(r) for k, r in rays.items()}
+
+        def link(pair: Pair) -> Link | None:
+            (i, j), (first, second) = pair, self.matches[pair]
+            seen = np.isfinite(rays[i][first, 0]) & np.isfinite(rays[j][second, 0])
+            first, second = first[seen], second[seen]
+            tolerance = tolerance_px * np.hypot(1 / scale[i][first], 1 / scale[j][second])
+            fit = fit_rotation(rays[i][first], rays[j][second], tolerance, seed=i * 100_003 + j)
+            if fit is None:
+                return None
+            a, b = self.features[i].pixels[first[fit.inliers]], self.features[j].pixels[second[fit.inliers]]
+            return Link(i, j, a, b, fit.rotation)
+
+        found = ordered_map(executor, link, list(self.matches) if pairs is None else pairs)
+        return [one for one in found if one is not None]
+
+
+def gather_evidence(features: Mapping[int, Features], executor: Executor | None, progress: Progress) -> Evidence:
+    """Match the keypoints of all pairs of frames."""
+    pairs = list(itertools.combinations(features, 2))
+    matched = ordered_map(executor, lambda pair: match_features(features[pair[0]], features[pair[1]]), pairs)
+    matches = dict(zip(pairs, progress(matched, title="matching frames", total=len(pairs)), strict=True))
+    return Evidence(features, matches)
