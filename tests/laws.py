@@ -64,7 +64,7 @@ def lenses(draw: st.DrawFn, projection: str) -> Lens:
         if kind is ScaledStereographic:
             return ScaledStereographic(scale, draw(st.floats(0.5, 3.0)))
         if kind is BaksteinPajdla:
-            share = draw(st.floats(-0.5, 1.5))  # of the slope on the axis that the tangent has
+            share = round(draw(st.floats(-0.5, 1.5)), 3)  # of the slope on the axis that the tangent has
             b, d = draw(st.floats(0.6, 3.0)), draw(st.floats(0.4, 3.0))
             lens: Lens = BaksteinPajdla(scale * share * b, b, scale * (1 - share) * d, d)
         else:
@@ -128,7 +128,7 @@ def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def rotation(seed: int) -> FloatArray:
     """A random rotation (3, 3)."""
-    return np.asarray(Rotation.random(rng=np.random.default_rng(seed)).as_matrix())
+    return np.asarray(Rotation.from_quat(np.random.default_rng(seed).normal(size=4)).as_matrix())
 
 
 def fisheye(side: int, half_fov_deg: float = 95.0, aspect: float = 1.0) -> Camera:
