@@ -19,7 +19,7 @@ from fullsphere.model.lens import FloatArray, Lens, angle_of_radius
 MAX_SIDE_PX = 1 << 20
 """The longest side of a picture that fullsphere will describe."""
 
-_ROUNDING = 1e-12  # radians past half_fov that are still rounding of a ray on the rim, 1e-9 px for any real lens
+_ROUNDING = 1e-12  # radians past half_fov or theta_max that are still rounding, 1e-9 px for any real lens
 
 
 @runtime_checkable
@@ -86,7 +86,7 @@ class Camera:
             raise CameraError(f"camera: centre ({u0}, {v0}) is not near a picture")
         if not 0.1 < self.aspect < 10:
             raise CameraError(f"camera: aspect {self.aspect} is not between 0.1 and 10")
-        if not 0 < self.half_fov <= self.lens.theta_max:
+        if not 0 < self.half_fov <= self.lens.theta_max + _ROUNDING:
             raise CameraError(
                 f"camera: half field of view {math.degrees(self.half_fov):.6g} degrees is not between 0 and "
                 f"{math.degrees(self.lens.theta_max):.6g}, where the {self.lens.projection} lens stops growing"
