@@ -12,7 +12,18 @@ from hypothesis import strategies as st
 from fullsphere.model.camera import Camera, Projection
 from fullsphere.model.errors import CameraError
 from fullsphere.model.lens import BaksteinPajdla, Equidistant, FloatArray, Perspective
-from laws import PROJECTIONS, SEEDS, angle_between, cameras, central_difference, fisheye, hard_rays, law, rays_at
+from laws import (
+    PROJECTIONS,
+    SEEDS,
+    angle_between,
+    cameras,
+    central_difference,
+    fisheye,
+    hard_rays,
+    law,
+    rays_at,
+    widest,
+)
 
 every_lens = pytest.mark.parametrize("projection", PROJECTIONS)
 
@@ -162,6 +173,14 @@ def test_scaled_camera_sees_the_resampled_picture(factor: float, seed: int) -> N
     np.testing.assert_allclose(scaled.project(rays), expected, rtol=0, atol=1e-8)
     assert scaled.size == (round(1000 * factor), round(1000 * factor))
     assert (scaled.aspect, scaled.half_fov) == (camera.aspect, camera.half_fov)
+
+
+@given(camera=cameras("bakstein-pajdla"), factor=st.floats(0.1, 8))
+@law()
+def test_a_camera_that_sees_all_that_its_lens_images_can_be_scaled(camera: Camera, factor: float) -> None:
+    """Where the slope vanishes is found anew for the scaled lens, and may differ by rounding."""
+    full = dataclasses.replace(camera, half_fov=widest(camera.lens))
+    assert full.scaled(factor).half_fov == full.half_fov
 
 
 @given(left=st.integers(-300, 300), top=st.integers(-300, 300), seed=SEEDS)
