@@ -70,7 +70,7 @@ def _lit_threshold(small: NDArray[np.float32]) -> float | None:
     side = max(3, min(small.shape) // 25)
     corners = [small[:side, :side], small[:side, -side:], small[-side:, :side], small[-side:, -side:]]
     levels = sorted(float(np.percentile(corner, 90)) for corner in corners)
-    lit = float(np.percentile(small, 90))
+    lit = float(np.percentile(small, 98))  # a small disc is lit too
     dark = levels[1]
     if dark > 0.25 * lit or lit < 8:
         return None

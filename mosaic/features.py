@@ -22,6 +22,10 @@ class Features:
     pixels: FloatArray
     descriptors: NDArray[np.float32]
 
+    def __post_init__(self) -> None:
+        if len(self.pixels) != len(self.descriptors):  # the matching kernel trusts this
+            raise ValueError(f"{len(self.pixels)} keypoints and {len(self.descriptors)} descriptors")
+
     def __len__(self) -> int:
         return len(self.pixels)
 
