@@ -58,7 +58,8 @@ def disagreement_deg(link: Link, rotations: FloatArray) -> float:
 
 
 def _graph(links: Sequence[Link], count: int, weight: FloatArray) -> coo_array:
-    i, j = [link.i for link in links], [link.j for link in links]
+    # 32-bit indices: csgraph of older SciPy takes no others
+    i, j = np.array([[link.i, link.j] for link in links], np.int32).reshape(-1, 2).T
     return coo_array((weight, (i, j)), shape=(count, count))
 
 
