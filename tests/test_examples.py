@@ -16,18 +16,18 @@ SAYS = {
 }
 
 
-def run(example, *arguments, folder):
+def run(example: Path, *arguments: Path, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, str(example), *map(str, arguments)], cwd=folder, capture_output=True, text=True, timeout=300
     )
 
 
-def test_every_example_is_known_here():
+def test_every_example_is_known_here() -> None:
     assert [example.stem for example in EXAMPLES] == list(SAYS)
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.stem)
-def test_example_runs_without_arguments_and_leaves_nothing(example, tmp_path):
+def test_example_runs_without_arguments_and_leaves_nothing(example: Path, tmp_path: Path) -> None:
     done = run(example, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert SAYS[example.stem] in done.stdout
@@ -35,7 +35,7 @@ def test_example_runs_without_arguments_and_leaves_nothing(example, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_example_writes_into_the_folder_it_is_given(tmp_path):
+def test_example_writes_into_the_folder_it_is_given(tmp_path: Path) -> None:
     done = run(EXAMPLES[1], tmp_path / "kept", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["kept"]
@@ -43,5 +43,5 @@ def test_example_writes_into_the_folder_it_is_given(tmp_path):
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.stem)
-def test_example_is_short(example):
+def test_example_is_short(example: Path) -> None:
     assert len(example.read_text().splitlines()) < 60
