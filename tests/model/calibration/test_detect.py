@@ -1,26 +1,33 @@
 """Corners are really found in the photo, and none that is not there."""
 
+from __future__ import annotations
+
 import math
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fullsphere.model.calibration.detect import find_charuco_corners
+from fullsphere.model.calibration.targets import CharucoBoard
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import BaksteinPajdla
 from fullsphere.mosaic.worlds import charuco_box, photograph, target_scene
 
 
-def wide_camera(side):
+def wide_camera(side: int) -> Camera:
     half = math.radians(91.5)
     lens = BaksteinPajdla(1350.0, 2.11, 420.0, 1.13)
     lens = lens.scaled(0.485 * side / float(lens.radius(half)))
     return Camera(lens, (side, side), (side / 2 + 3.8, side / 2 - 6.6), half_fov=half)
 
 
-def take(camera, boards, position, angles, noise, seed):
+def take(
+    camera: Camera, boards: tuple[CharucoBoard, ...], position: Any, angles: Any, noise: float, seed: int
+) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     turned = Rotation.from_euler("YXZ", angles, degrees=True).inv().as_matrix()
     scene = target_scene(boards, position)
     return turned, photograph(scene, camera, turned, noise=noise, vignetting=(-0.2, -0.1), seed=seed, supersampling=3)
@@ -30,7 +37,7 @@ def take(camera, boards, position, angles, noise, seed):
     ("position", "angles", "noise", "seed"),
     [((25, -18, 12), (4, -3, 2.5), 0.005, 0), ((-40, 22, -15), (-3, 5, -4), 0.01, 1)],
 )
-def test_corners_of_a_wide_photo_are_found_where_they_are(position, angles, noise, seed):
+def test_corners_of_a_wide_photo_are_found_where_they_are(position: Any, angles: Any, noise: float, seed: int) -> None:
     camera, boards = wide_camera(1600), charuco_box()
     turned, photo = take(camera, boards, position, angles, noise, seed)
     points, pixels = find_charuco_corners(photo, boards)
@@ -46,7 +53,7 @@ def test_corners_of_a_wide_photo_are_found_where_they_are(position, angles, nois
     assert theta.max() > 90.5
 
 
-def test_mirrored_photo_has_no_corners():
+def test_mirrored_photo_has_no_corners() -> None:
     camera, boards = wide_camera(900), charuco_box()
     _, photo = take(camera, boards, (25, -18, 12), (4, -3, 2.5), 0.005, 0)
     assert len(find_charuco_corners(photo, boards).pixels) > 300
@@ -54,7 +61,7 @@ def test_mirrored_photo_has_no_corners():
 
 
 @pytest.mark.parametrize("kind", ["noise", "black", "squares", "tiny"])
-def test_picture_without_a_target_has_no_corners(kind):
+def test_picture_without_a_target_has_no_corners(kind: str) -> None:
     random = np.random.default_rng(2)
     picture = {
         "noise": random.integers(0, 256, (600, 600, 3), np.uint8),
@@ -66,6 +73,6 @@ def test_picture_without_a_target_has_no_corners(kind):
     assert found.points_on_target.shape == (0, 3) and found.pixels.shape == (0, 2)
 
 
-def test_pictures_of_more_than_8_bits_are_refused():
+def test_pictures_of_more_than_8_bits_are_refused() -> None:
     with pytest.raises(UsageError, match="8-bit"):
         find_charuco_corners(np.zeros((10, 10), np.uint16), charuco_box())

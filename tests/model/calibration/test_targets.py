@@ -1,5 +1,9 @@
 """A board's corners and markers are where OpenCV prints them."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
@@ -8,7 +12,7 @@ from fullsphere.model.calibration.targets import CharucoBoard, marker_dictionary
 from fullsphere.model.errors import UsageError
 
 
-def test_layout_is_that_of_opencv():
+def test_layout_is_that_of_opencv() -> None:
     board = CharucoBoard(7, 5, 30.0, 21.0, 40, "DICT_5X5_250")
     ids = np.arange(40, 40 + board.marker_count)
     theirs = cv2.aruco.CharucoBoard((7, 5), 30.0, 21.0, marker_dictionary("DICT_5X5_250"), ids)
@@ -17,7 +21,7 @@ def test_layout_is_that_of_opencv():
     np.testing.assert_allclose(board.marker_squares() * 30.0 + 4.5, corners)
 
 
-def test_corners_follow_the_pose():
+def test_corners_follow_the_pose() -> None:
     pose = np.array([[0, 0, 1, 10], [1, 0, 0, 20], [0, 1, 0, 30], [0, 0, 0, 1.0]])
     board = CharucoBoard(3, 3, 10.0, 7.0, target_from_board=pose)
     np.testing.assert_allclose(board.corners_on_target()[1], [10, 40, 40])
@@ -38,12 +42,12 @@ def test_corners_follow_the_pose():
         {"target_from_board": np.eye(3)},
     ],
 )
-def test_values_that_make_no_board_are_refused(wrong):
+def test_values_that_make_no_board_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(UsageError):
         CharucoBoard(**{"squares_x": 4, "squares_y": 4, "square_mm": 30.0, "marker_mm": 20.0} | wrong)
 
 
-def test_boards_of_one_target_share_a_dictionary_and_no_marker():
+def test_boards_of_one_target_share_a_dictionary_and_no_marker() -> None:
     first, second = CharucoBoard(4, 4, 30.0, 20.0), CharucoBoard(4, 4, 30.0, 20.0, 8)
     assert one_dictionary([second, first]) == "DICT_5X5_1000"
     for wrong in ([], [first, first], [first, CharucoBoard(4, 4, 30.0, 20.0, 8, "DICT_4X4_100")]):
