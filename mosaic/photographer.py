@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from fullsphere.model.camera import Camera
+from fullsphere.model.colour import encoded_from_linear
 from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.surface import Equirectangular
@@ -122,7 +123,7 @@ def photograph(
         if noise > 0:
             random = np.random.default_rng([seed, rows.start])
             light += noise * np.sqrt(light) * random.standard_normal(light.shape, np.float32)
-        return encode_srgb(light)
+        return np.asarray(encoded_from_linear(light, np.uint8))
 
     return np.concatenate(list(ordered_map(executor, strip, _strips(camera.size, supersampling))))
 
@@ -163,13 +164,6 @@ def window(
         return _averaged(scene.radiance(np.asarray(corner) + pixels[..., :1] * a + pixels[..., 1:] * b), supersampling)
 
     return np.concatenate(list(ordered_map(executor, strip, _strips(size, supersampling))))
-
-
-def encode_srgb(light: ArrayLike) -> NDArray[np.uint8]:
-    """Linear light to 8-bit sRGB (IEC 61966-2-1), clipped to 0..1, rounded."""
-    x = np.clip(np.asarray(light, np.float32), 0.0, 1.0)
-    encoded = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** np.float32(1 / 2.4) - 0.055)
-    return np.round(255 * encoded).astype(np.uint8)
 
 
 def _strips(size: tuple[int, int], supersampling: int) -> Iterator[slice]:

@@ -11,7 +11,7 @@
 A world is anything with `radiance(rays)`; the world's axes are x right, y down, z to the front.
 """
 
-from fullsphere.mosaic.photographer import Scene, Shot, encode_srgb, panorama, photograph, turn, window
+from fullsphere.mosaic.photographer import Scene, Shot, panorama, photograph, turn, window
 from fullsphere.mosaic.world_panels import Panel, PanelScene
 from fullsphere.mosaic.world_room import environment, furnished_room
 from fullsphere.mosaic.world_target import charuco_box, target_scene
@@ -22,7 +22,6 @@ __all__ = [
     "Scene",
     "Shot",
     "charuco_box",
-    "encode_srgb",
     "environment",
     "furnished_room",
     "panorama",

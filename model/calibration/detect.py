@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fullsphere.model.calibration.saddle import Saddles, fit_saddles
 from fullsphere.model.calibration.targets import CharucoBoard, marker_dictionary, one_dictionary
+from fullsphere.model.colour import linear_from_encoded
 from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import FloatArray
 
@@ -68,7 +69,7 @@ def find_charuco_corners(picture: NDArray[Any], boards: Sequence[CharucoBoard]) 
     if picture.dtype != np.uint8 or picture.ndim not in (2, 3):
         raise UsageError(f"corners are looked for in an 8-bit picture, not in {picture.dtype} {picture.shape}")
     grey = _grey(picture)
-    light = _linear(grey)
+    light = linear_from_encoded(grey[..., None])[..., 0]  # blurred edges are symmetrical only in light
     markers = _find_markers(grey, dictionary)
     points, pixels = [np.empty((0, 3))], [np.empty((0, 2))]
     for board in boards:
@@ -87,13 +88,6 @@ def _grey(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     if picture.ndim == 2 or picture.shape[2] < 3:
         return np.ascontiguousarray(picture.reshape(*picture.shape[:2], -1)[..., 0])
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(picture[..., :3]), cv2.COLOR_RGB2GRAY), np.uint8)
-
-
-def _linear(grey: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Linear light 0..1 of 8-bit sRGB: blurred edges are symmetrical only in light."""
-    x = np.arange(256) / 255.0
-    table = np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4).astype(np.float32)
-    return np.asarray(table[grey])
 
 
 def _find_markers(grey: NDArray[np.uint8], dictionary: cv2.aruco.Dictionary) -> dict[int, list[FloatArray]]:
