@@ -13,7 +13,19 @@ from scipy.spatial.transform import Rotation
 
 from fullsphere.model.camera import Camera, Projection
 from fullsphere.model.errors import CameraError
-from fullsphere.model.lens import LENSES, BaksteinPajdla, FloatArray, Lens, ScaledStereographic
+from fullsphere.model.lens import (
+    LENSES,
+    BaksteinPajdla,
+    Brown,
+    DoubleSphere,
+    EnhancedUnifiedCamera,
+    FloatArray,
+    KannalaBrandt,
+    Lens,
+    ScaledStereographic,
+    Scaramuzza,
+    UnifiedCamera,
+)
 from fullsphere.model.surface import Equirectangular
 
 PROJECTIONS = sorted(LENSES)
@@ -55,20 +67,49 @@ def widest(lens: Lens) -> float:
     return lens.theta_max if steep.size == 0 else float(theta[steep[0] - 1])
 
 
+def steps(lens: Lens) -> FloatArray:
+    """For each value of a lens (P,) a thousandth of what it is, or of what would bend its curve."""
+    focal = float(lens.slope(0.0))
+    small = [1e-3 * focal**p.length_power if p.length_power < 0 else 1e-3 for p in lens.parameters]
+    return np.maximum(np.abs(lens.values), small)
+
+
+def _bakstein_pajdla(draw: st.DrawFn, scale: float) -> Lens:
+    share = round(draw(st.floats(-0.5, 1.5)), 3)  # of the slope on the axis that the tangent has
+    b, d = draw(st.floats(0.6, 3.0)), draw(st.floats(0.4, 3.0))
+    return BaksteinPajdla(scale * share * b, b, scale * (1 - share) * d, d)
+
+
+def _scaramuzza(draw: st.DrawFn, scale: float) -> Lens:
+    bend = [round(draw(st.floats(*ends)), 4) for ends in ((-0.8, 0.1), (-0.1, 0.1), (-0.1, 0.05))]
+    return Scaramuzza(scale, *(c / scale**n for n, c in enumerate(bend, 1)))
+
+
+def _either_sign(draw: st.DrawFn, *largest: float) -> list[float]:
+    return [round(draw(st.floats(-limit, limit)), 5) for limit in largest]
+
+
+_SAMPLERS: dict[type[Lens], Callable[[st.DrawFn, float], Lens]] = {  # of lenses with more values than a length
+    ScaledStereographic: lambda draw, scale: ScaledStereographic(scale, draw(st.floats(0.5, 3.0))),
+    BaksteinPajdla: _bakstein_pajdla,
+    KannalaBrandt: lambda draw, scale: KannalaBrandt(scale, *_either_sign(draw, 0.2, 0.1, 0.02, 0.005)),
+    Brown: lambda draw, scale: Brown(scale, *_either_sign(draw, 0.4, 0.2, 0.1)),
+    Scaramuzza: _scaramuzza,
+    UnifiedCamera: lambda draw, scale: UnifiedCamera(scale, draw(st.floats(0.02, 0.98))),
+    EnhancedUnifiedCamera: lambda draw, scale: EnhancedUnifiedCamera(
+        scale, draw(st.floats(0.02, 0.98)), draw(st.floats(0.3, 3.0))
+    ),
+    DoubleSphere: lambda draw, scale: DoubleSphere(scale, draw(st.floats(-0.7, 0.7)), draw(st.floats(0.02, 0.98))),
+}
+
+
 @st.composite
 def lenses(draw: st.DrawFn, projection: str) -> Lens:
     """Any lens of a kind, with a focal length of about one pixel to some thousands."""
     kind = LENSES[projection]
     scale = draw(st.floats(1.0, 3000.0))
     try:
-        if kind is ScaledStereographic:
-            return ScaledStereographic(scale, draw(st.floats(0.5, 3.0)))
-        if kind is BaksteinPajdla:
-            share = round(draw(st.floats(-0.5, 1.5)), 3)  # of the slope on the axis that the tangent has
-            b, d = draw(st.floats(0.6, 3.0)), draw(st.floats(0.4, 3.0))
-            lens: Lens = BaksteinPajdla(scale * share * b, b, scale * (1 - share) * d, d)
-        else:
-            lens = kind(scale)  # type: ignore[call-arg]
+        lens = _SAMPLERS[kind](draw, scale) if kind in _SAMPLERS else kind(scale)  # type: ignore[call-arg]
     except CameraError:
         reject()
     if widest(lens) < 0.3:

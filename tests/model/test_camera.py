@@ -22,6 +22,7 @@ from laws import (
     hard_rays,
     law,
     rays_at,
+    steps,
     widest,
 )
 
@@ -112,15 +113,15 @@ def test_derivative_by_the_parameters(projection: str, data: st.DataObject) -> N
     camera = dataclasses.replace(camera, half_fov=0.95 * camera.half_fov)
     rays = hard_rays(camera.half_fov, data.draw(SEEDS))
     values = camera.values
-    step = 1e-4 * np.maximum(np.abs(values), 1e-3)
+    worth = np.concatenate([steps(camera.lens), np.maximum(np.abs(values[-3:]), 1e-3)])
 
     def pixels_with(moved: FloatArray) -> FloatArray:
         return camera.with_values(moved).project(rays)
 
     got = camera.project_with_jacobians(rays).d_pixel_d_parameter
     assert got.shape == (len(rays), 2, len(camera.parameter_names))
-    expected = central_difference(pixels_with, values, step)
-    worth = np.maximum(np.abs(values), 1e-3) / max(camera.size)  # one part of a parameter, in parts of the picture
+    expected = central_difference(pixels_with, values, 1e-4 * worth)
+    worth /= max(camera.size)  # one part of a parameter, in parts of the picture
     np.testing.assert_allclose(got * worth, expected * worth, atol=1e-8 * max(1.0, np.abs(got * worth).max()))
 
 

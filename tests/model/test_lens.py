@@ -9,9 +9,21 @@ from hypothesis import strategies as st
 
 from fullsphere.model.errors import CameraError
 from fullsphere.model.lens import LENSES, BaksteinPajdla, Lens, ScaledStereographic, angle_of_radius
-from laws import PROJECTIONS, SEEDS, central_difference, hard_angles, law, lenses, widest
+from laws import PROJECTIONS, SEEDS, central_difference, hard_angles, law, lenses, steps, widest
 
 every_lens = pytest.mark.parametrize("projection", PROJECTIONS)
+
+
+TYPICAL: dict[str, tuple[float, ...]] = {
+    "scaled-stereographic": (300.0, 1.7),
+    "bakstein-pajdla": (1350.0, 2.11, 420.0, 1.13),
+    "kannala-brandt": (600.0, -0.031, 0.0043, -0.0005, 0.0001),
+    "brown": (900.0, -0.29, 0.11, -0.02),
+    "scaramuzza": (400.0, -7e-4, 4e-7, -1e-9),
+    "ucm": (400.0, 0.62),
+    "eucm": (300.0, 0.6, 1.1),
+    "double-sphere": (280.0, -0.2, 0.58),
+}
 
 
 def made(projection: str, *values: float) -> Lens:
@@ -19,8 +31,7 @@ def made(projection: str, *values: float) -> Lens:
 
 
 def typical(projection: str) -> Lens:
-    values = {"scaled-stereographic": (300.0, 1.7), "bakstein-pajdla": (1350.0, 2.11, 420.0, 1.13)}
-    return made(projection, *values.get(projection, (300.0,)))
+    return made(projection, *TYPICAL.get(projection, (300.0,)))
 
 
 @every_lens
@@ -41,11 +52,11 @@ def test_radius_by_parameter_is_the_derivative_of_radius(projection: str, data: 
     lens = data.draw(lenses(projection))
     theta = hard_angles(0.9 * widest(lens), data.draw(SEEDS))
     values = np.array(lens.values)
-    step = 1e-4 * np.maximum(np.abs(values), 1e-3)
+    step = 1e-4 * steps(lens)
     measured = central_difference(lambda v: lens.with_values(v).radius(theta), values, step)
     by_parameter = lens.radius_by_parameter(theta)
     assert by_parameter.shape == (*theta.shape, len(lens.parameters))
-    scale = np.max(np.abs(by_parameter), axis=0) + np.max(np.abs(lens.radius(theta))) / np.maximum(np.abs(values), 1e-3)
+    scale = np.max(np.abs(by_parameter), axis=0) + np.max(np.abs(lens.radius(theta))) / steps(lens)
     np.testing.assert_allclose(by_parameter / scale, measured / scale, atol=1e-8)
 
 

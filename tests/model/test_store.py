@@ -17,13 +17,20 @@ from fullsphere.model.errors import InputError, OutputError
 from fullsphere.model.lens import (
     LENSES,
     BaksteinPajdla,
+    Brown,
+    DoubleSphere,
+    EnhancedUnifiedCamera,
     Equidistant,
     Equisolid,
+    KannalaBrandt,
     Lens,
     Orthographic,
     Perspective,
     ScaledStereographic,
+    Scaramuzza,
     Stereographic,
+    Thoby,
+    UnifiedCamera,
 )
 from fullsphere.model.store import FORMAT, camera_from_dict, camera_to_dict, load_camera, save_camera
 
@@ -37,6 +44,14 @@ LENS_AND_EDGE: list[tuple[Lens, float]] = [
     (ScaledStereographic(350.2, 1.2), math.radians(104)),
     (BaksteinPajdla(432.0, 2.11, 134.4, 1.13), math.radians(91.5)),
     (BaksteinPajdla(-20.0, 1.5, 600.0, 1.3), BaksteinPajdla(-20.0, 1.5, 600.0, 1.3).theta_max),
+    (Thoby(310.3), Thoby(1.0).theta_max),
+    (KannalaBrandt(400.1, -0.031, 0.0043, 0.0, 0.0), math.radians(97.5)),
+    (KannalaBrandt(400.1, -0.2, 0.0, 0.0, 0.0), KannalaBrandt(400.1, -0.2, 0.0, 0.0, 0.0).theta_max),
+    (Brown(900.7, -0.29, 0.11, -0.02), math.radians(30)),
+    (Scaramuzza(400.3, -7e-4, 4e-7, -1e-9), math.radians(100)),
+    (UnifiedCamera(400.3, 0.62), UnifiedCamera(400.3, 0.62).theta_max),
+    (EnhancedUnifiedCamera(300.3, 0.6, 1.1), EnhancedUnifiedCamera(300.3, 0.6, 1.1).theta_max),
+    (DoubleSphere(280.3, -0.2, 0.58), DoubleSphere(280.3, -0.2, 0.58).theta_max),
 ]
 
 

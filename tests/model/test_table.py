@@ -12,14 +12,21 @@ from fullsphere.model.camera import Camera, Projection
 from fullsphere.model.errors import ResourceError
 from fullsphere.model.lens import (
     BaksteinPajdla,
+    Brown,
+    DoubleSphere,
+    EnhancedUnifiedCamera,
     Equidistant,
     Equisolid,
     FloatArray,
+    KannalaBrandt,
     Lens,
     Orthographic,
     Perspective,
     ScaledStereographic,
+    Scaramuzza,
     Stereographic,
+    Thoby,
+    UnifiedCamera,
 )
 from fullsphere.model.table import RayTable, tabulate
 from laws import PROJECTIONS, angle_between, cameras, fisheye, law, rays_at, rotation
@@ -34,6 +41,13 @@ LENSES_AND_HALF_FOVS: dict[str, tuple[Lens, float]] = {
     "orthographic": (Orthographic(1500.0), 80),
     "scaled-stereographic": (ScaledStereographic(900.0, 1.9), 100),
     "bakstein-pajdla": (BaksteinPajdla(1350.0, 2.11, 420.0, 1.13), 100),
+    "thoby": (Thoby(600.0), 110),
+    "kannala-brandt": (KannalaBrandt(1000.0, -0.031, 0.0043, -0.0005, 0.0001), 97.5),
+    "brown": (Brown(1800.0, -0.29, 0.11, -0.02), 40),
+    "scaramuzza": (Scaramuzza(900.0, -4e-4, 0.0, -1e-10), 100),
+    "ucm": (UnifiedCamera(900.0, 0.62), 105),
+    "eucm": (EnhancedUnifiedCamera(800.0, 0.6, 1.1), 105),
+    "double-sphere": (DoubleSphere(700.0, -0.2, 0.58), 105),
 }
 every_lens = pytest.mark.parametrize("name", LENSES_AND_HALF_FOVS)
 
