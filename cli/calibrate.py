@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +36,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--image-size", type=image_size, required=True, metavar="WxH", help="width and height of the pictures in pixels"
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="CAMERA.json", help="camera to write")
+    parser.add_argument(
+        "--field-of-view",
+        type=field_of_view,
+        metavar="DEGREES",
+        help="whole angle that the lens sees (default: to the largest circle in the picture, or the outermost point)",
+    )
     parser.add_argument("--lens", default="bakstein-pajdla", metavar="NAME", help="kind of lens (default: %(default)s)")
 
 
@@ -46,6 +53,17 @@ def image_size(text: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
+def field_of_view(text: str) -> float:
+    """Degrees from a text like 183."""
+    try:
+        degrees = float(text)
+    except ValueError:
+        degrees = -1.0
+    if not 0 < degrees <= 360:
+        raise argparse.ArgumentTypeError(f"{text!r} is not an angle of more than 0 and up to 360 degrees")
+    return degrees
+
+
 def run(args: argparse.Namespace) -> int:
     """Carry out the command."""
     from fullsphere.model.calibration.calibrate import calibrate
@@ -54,8 +72,8 @@ def run(args: argparse.Namespace) -> int:
     from fullsphere.model.files import check_output
 
     check_output(args.output, args.overwrite, [args.points])
-    views = read_points(args.points)
-    calibration = calibrate(views, args.image_size, args.lens)
+    half_fov = math.radians(args.field_of_view / 2) if args.field_of_view else None
+    calibration = calibrate(read_points(args.points), args.image_size, args.lens, half_fov=half_fov)
     save_calibration(args.output, calibration, [args.points], args.overwrite)
     console.report(args, _summary(args, calibration), _lines(args, calibration))
     return console.done(args, with_warnings=False)
@@ -67,7 +85,7 @@ def _summary(args: argparse.Namespace, calibration: Calibration) -> dict[str, An
         "camera": str(args.output),
         "lens": camera.lens.projection,
         "values": dict(zip(camera.parameter_names, camera.values.tolist(), strict=True)),
-        "half_field_of_view_deg": _degrees(camera.half_fov),
+        "half_field_of_view_deg": math.degrees(camera.half_fov),
         "rms_px": calibration.rms_px,
         "points": sum(len(r) for r in calibration.residuals_px),
         "views": len(calibration.images),
@@ -85,17 +103,12 @@ def _lines(args: argparse.Namespace, calibration: Calibration) -> list[str]:
     lines = [
         f"{args.output}: {camera.lens.projection} lens, rms {calibration.rms_px:.4f} px over "
         f"{sum(len(r) for r in calibration.residuals_px)} points in {len(calibration.images)} views",
-        f"centre ({camera.centre[0]:.2f}, {camera.centre[1]:.2f}) px, aspect {camera.aspect:.5f}, field of view "
-        f"{2 * _degrees(camera.half_fov):.1f} degrees; points seen from {lowest:.1f} to {highest:.1f} degrees off axis",
+        f"centre ({camera.centre[0]:.2f}, {camera.centre[1]:.2f}) px, aspect {camera.aspect:.5f}, "
+        f"field of view {2 * math.degrees(camera.half_fov):.1f} degrees; "
+        f"points seen from {lowest:.1f} to {highest:.1f} degrees off axis",
         "theta (deg)   r (px)    sigma (px)",
     ]
     for theta in np.unique([*range(0, int(curve.theta_deg[-1]) + 1, 10), int(curve.theta_deg[-1])]):
         beyond = "  extrapolated" if theta > highest else ""
         lines.append(f"{theta:9d} {curve.r_px[theta]:10.3f} {curve.sigma_px[theta]:10.4f}{beyond}")
     return lines
-
-
-def _degrees(angle: float) -> float:
-    import math
-
-    return math.degrees(angle)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import dataclasses
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -59,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         f"{'':34}{'measured':>10}",
         *(f"{name:34}{_figure(value):>10} {unit}" for name, value, unit in rows),
         "",
-        f"{folder}: target.png, frame_*.jpg, camera.json, mosaic.json, panorama.tif, preview.png "
+        f"{folder}: target.png, points.csv, frame_*.jpg, camera.json, mosaic.json, panorama.tif, preview.png "
         f"({time.monotonic() - started:.0f} s)",
     ]
     console.report(args, {"folder": str(folder), **{_key(n, u): v for n, v, u in rows}}, lines)
@@ -100,6 +101,7 @@ def _calibrate(args: argparse.Namespace, folder: Path, camera: Camera, executor:
     from fullsphere.model.calibration.detect import find_charuco_corners
     from fullsphere.model.calibration.points import read_points
     from fullsphere.model.calibration.record import save_calibration
+    from fullsphere.model.circle import brightest, find_circle, within_circle
     from fullsphere.model.images import read_picture
     from fullsphere.mosaic.worlds import charuco_box, photograph, target_scene
 
@@ -112,8 +114,11 @@ def _calibrate(args: argparse.Namespace, folder: Path, camera: Camera, executor:
     _write_picture(folder / "target.png", photo, args)
     console.say(args, "finding its corners and calibrating")
     points, pixels = find_charuco_corners(read_picture(folder / "target.png").pixels, boards)
-    _write_points(folder / "points.csv", "target.png", points, pixels)
+    _write_points(folder / "points.csv", "target.png", points, pixels, args)
     calibration = calibrate(read_points(folder / "points.csv"), camera.size)
+    calibration = dataclasses.replace(
+        calibration, camera=within_circle(calibration.camera, find_circle(brightest([photo])))
+    )
     save_calibration(folder / "camera.json", calibration, [folder / "points.csv"], args.overwrite)
     lowest, highest = calibration.observed_theta_deg
     console.say(
@@ -227,8 +232,10 @@ def _write_picture(path: Path, pixels: Any, args: argparse.Namespace) -> None:
         writer.write_rows(0, pixels)
 
 
-def _write_points(path: Path, image: str, points: Any, pixels: Any) -> None:
-    with path.open("w", newline="") as file:
+def _write_points(path: Path, image: str, points: Any, pixels: Any, args: argparse.Namespace) -> None:
+    from fullsphere.model.files import replacing
+
+    with replacing(path, args.overwrite) as temporary, temporary.open("w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(["image", "x_mm", "y_mm", "z_mm", "u_px", "v_px"])
         for point, pixel in zip(points, pixels, strict=True):

@@ -98,11 +98,13 @@ def _given_camera(args: argparse.Namespace) -> Camera | None:
 def _calibrated(args: argparse.Namespace, frames: list[Frame]) -> Camera:
     from fullsphere.model.calibration.calibrate import calibrate
     from fullsphere.model.calibration.points import read_points
+    from fullsphere.model.circle import within_circle
+    from fullsphere.mosaic.register import common_circle
 
     size = next(frame.size for frame in frames if not frame.reason)
     calibration = calibrate(read_points(args.calibrate), size, args.lens)
     console.say(args, f"calibrated from {args.calibrate}: {calibration.rms_px:.4f} px rms")
-    return calibration.camera
+    return within_circle(calibration.camera, common_circle([frame for frame in frames if not frame.reason]))
 
 
 def write_panorama(path: Path, mosaic: Mosaic, surface: Any, executor: Executor, args: argparse.Namespace) -> None:

@@ -5,13 +5,15 @@ The paper takes the centre of the visible circle as the image centre; its radius
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fullsphere.model.lens import FloatArray
+from fullsphere.model.camera import Camera
+from fullsphere.model.lens import FloatArray, angle_of_radius
 
 _SEARCH_SIDE_PX = 1000  # the picture is searched at this size: the rim is found to a fraction of a pixel all the same
 _DIRECTIONS = 1440
@@ -23,6 +25,17 @@ class ImageCircle(NamedTuple):
 
     centre: tuple[float, float]
     radius: float
+
+
+def within_circle(camera: Camera, circle: ImageCircle | None) -> Camera:
+    """The camera with its field of view ended at the image circle, where it reached further.
+
+    A calibration does not see where the lens ends: this is what a picture says of it.
+    """
+    if circle is None or circle.radius >= float(camera.lens.radius(camera.half_fov)):
+        return camera
+    half_fov = float(angle_of_radius(camera.lens, circle.radius, camera.half_fov))
+    return dataclasses.replace(camera, half_fov=half_fov)
 
 
 def brightest(pictures: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:

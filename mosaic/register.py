@@ -62,7 +62,7 @@ def register(
     usable = [k for k, frame in enumerate(frames) if not frame.reason]
     if len(usable) < 2:
         raise GeometryError(f"a mosaic needs two frames or more that can be used, not {len(usable)}")
-    circle = None if camera is not None else _common_circle([frames[k] for k in usable])
+    circle = None if camera is not None else common_circle([frames[k] for k in usable])
     most = 5000 if len(usable) <= 16 else 2500
     seen = ordered_map(
         executor, lambda k: find_features(*_with_mask(frames[k].load(), camera, circle), most), usable, ahead=4
@@ -77,7 +77,8 @@ def register(
     return _mosaic(frames, features, solution, self_calibrated=camera is None)
 
 
-def _common_circle(frames: Sequence[Frame]) -> ImageCircle | None:
+def common_circle(frames: Sequence[Frame]) -> ImageCircle | None:
+    """The image circle of frames taken with one lens, from the brightest that any of them shows at each pixel."""
     highest: NDArray[np.uint8] | None = None
     for frame in frames:
         picture = _eight_bit(frame.load())

@@ -189,7 +189,8 @@ def test_warnings_of_the_library_are_lines_on_stderr(
 
 
 SLOW_WORK = """
-import sys, time, types
+import signal, sys, time, types
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a runner in the background may have left it ignored
 from pathlib import Path
 from fullsphere.cli import main as frame
 from fullsphere.model.files import replacing

@@ -183,7 +183,12 @@ def test_a_misspelt_projection_is_a_usage_error(room_set: Set, fullsphere: Run, 
 
 @pytest.mark.parametrize(("kind", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interrupted_run_leaves_nothing(room_set: Set, tmp_path: Path, kind: signal.Signals, code: int) -> None:
-    command = [sys.executable, "-m", "fullsphere.cli.main", "stitch", *map(str, room_set.frames)]
+    # Ctrl-C is switched back on: a runner in the background may have left it ignored.
+    program = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
+        "from fullsphere.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    )
+    command = [sys.executable, "-c", program, "stitch", *map(str, room_set.frames)]
     with subprocess.Popen(
         [*command, "-o", str(tmp_path / "p.tif"), "--size", "8192"], stderr=subprocess.PIPE, text=True, cwd=tmp_path
     ) as process:

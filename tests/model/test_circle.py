@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fullsphere.model.circle import ImageCircle, brightest, find_circle
+from fullsphere.model.camera import Camera
+from fullsphere.model.circle import ImageCircle, brightest, find_circle, within_circle
+from fullsphere.model.lens import Equidistant
 
 WIDTH, HEIGHT = 900, 700
 
@@ -109,3 +111,10 @@ def test_a_thing_at_the_rim_of_one_frame_is_outshone_by_another() -> None:
     found = find_circle(brightest([blocked[..., None], turned[..., None]]))
     assert found is not None
     assert math.dist(found.centre, (455.3, 344.6)) < 0.5
+
+
+def test_a_camera_ends_at_the_circle_and_never_reaches_further() -> None:
+    camera = Camera(Equidistant(200.0), (900, 700), (450.0, 350.0), half_fov=1.7)
+    assert within_circle(camera, ImageCircle((450.0, 350.0), 310.0)).half_fov == pytest.approx(310 / 200)
+    assert within_circle(camera, ImageCircle((450.0, 350.0), 345.0)) == camera
+    assert within_circle(camera, None) == camera
