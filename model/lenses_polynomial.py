@@ -48,7 +48,7 @@ class KannalaBrandt(Lens):
     """r = f (theta + k1 theta^3 + k2 theta^5 + k3 theta^7 + k4 theta^9), as far as it grows.
 
     Kannala & Brandt, "A generic camera model and calibration method for conventional, wide-angle, and fish-eye lenses",
-    PAMI 2006, equation 6, with f taken out as in OpenCV's fisheye module, whose k1 to k4 these are.
+    PAMI 2006, with f taken out as in OpenCV's fisheye module, whose k1 to k4 these are.
     """
 
     f: float
@@ -112,7 +112,7 @@ class Scaramuzza(Lens):
     """tan(theta) = r/w(r), w(r) = a0 + a2 r^2 + a3 r^3 + a4 r^4: the pixel's ray is (x', y', w), as far as theta grows.
 
     Scaramuzza, Martinelli & Siegwart, "A flexible technique for accurate omnidirectional camera calibration and
-    structure from motion", ICVS 2006, equation 6.  The signs are those of an axis that leaves the camera, a0 > 0;
+    structure from motion", ICVS 2006.  The signs are those of an axis that leaves the camera, a0 > 0;
     OCamCalib states all four with the other sign.  r(theta) has no formula: it is found from theta(r), and its
     derivatives are those of the implicit function.
     """

@@ -54,7 +54,7 @@ class UnifiedCamera(_Unified):
     """r = f sin(theta)/(alpha + (1 - alpha) cos(theta)): 0 < alpha < 1, at 1/2 stereographic to 180 degrees.
 
     Geyer & Daniilidis, "A unifying theory for central panoramic systems", ECCV 2000; Mei & Rives, ICRA 2007, write
-    xi = alpha/(1 - alpha) and multiply f by 1 + xi.  This form is that of Usenko et al., 3DV 2018, section II.C.
+    xi = alpha/(1 - alpha) and multiply f by 1 + xi.  This form is that of Usenko et al., 3DV 2018.
     """
 
     f: float
@@ -102,7 +102,7 @@ class EnhancedUnifiedCamera(_Unified):
 class DoubleSphere(Lens):
     """r = f sin(theta)/(alpha d + (1 - alpha) z), z = xi + cos(theta), d = sqrt(sin^2(theta) + z^2), 0 < alpha < 1.
 
-    Usenko, Demmel & Cremers, "The double sphere camera model", 3DV 2018, equations 40 to 42; -1 < xi < 1.
+    Usenko, Demmel & Cremers, "The double sphere camera model", 3DV 2018; -1 < xi < 1.
     """
 
     f: float
@@ -115,8 +115,9 @@ class DoubleSphere(Lens):
     def theta_max(self) -> float:
         """Where the second sphere sees its pole (alpha <= 1/2) or summit: at psi with cos(psi) = -w.
 
-        theta = psi + arcsin(xi sin(psi)), from tan(psi) = s/(xi + c).  The bound of the article's equation 43 agrees
-        with it for xi = 0 only: elsewhere it stops short of this angle or lies beyond.
+        theta = psi + arcsin(xi sin(psi)), from tan(psi) = s/(xi + c).  The article's bound
+        cos(theta) = -(w + xi)/sqrt(2 w xi + xi^2 + 1) is another angle unless xi = 0 or w = 1, some degrees short of
+        this one or beyond it.
         """
         larger = max(self.alpha, 1 - self.alpha)
         psi = math.acos(-(1 - larger) / larger)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fullsphere.model.calibration.initial import find_start
+from fullsphere.model.calibration.initial import Start, find_starts
 from fullsphere.model.calibration.points import Poses, Sightings, View
 from fullsphere.model.calibration.solve import Solution, solve
 from fullsphere.model.camera import Camera
@@ -125,8 +125,7 @@ def calibrate(
     kind = _kind(lens)
     sightings = Sightings.of(views)
     _check_inside(sightings, image_size)
-    start = find_start(sightings, image_size, kind, centre, progress)
-    solution = solve(sightings, start.camera, start.poses)
+    solution = _best(sightings, find_starts(sightings, image_size, kind, centre, progress))
     _check_fit(sightings, solution)
     calibration = _described(sightings, solution, half_fov)
     _check_determined(calibration)
@@ -144,6 +143,19 @@ def _sigma_of_radius(calibration: Calibration, theta: FloatArray) -> FloatArray:
     by_parameter = calibration.camera.lens.radius_by_parameter(theta)
     sigma: FloatArray = np.linalg.norm(by_parameter @ calibration.covariance_factor[: by_parameter.shape[-1]], axis=-1)
     return sigma
+
+
+def _best(sightings: Sightings, starts: Sequence[Start]) -> Solution:
+    """The solution with the least error, from whichever start; the fault of the first if none converges."""
+    solutions, faults = [], []
+    for start in starts:
+        try:
+            solutions.append(solve(sightings, start.camera, start.poses))
+        except GeometryError as fault:
+            faults.append(fault)
+    if not solutions:
+        raise faults[0]
+    return min(solutions, key=lambda solution: solution.rms_px)
 
 
 def _kind(lens: str | type[Lens]) -> type[Lens]:

@@ -4,8 +4,8 @@
    linearly from x cross (R X + t) = 0, which never divides by z and so holds past 90 degrees.
 2. The best few are refined with one well-behaved lens, r = f theta + g theta^3.
 3. The lens asked for is fitted to the radial curve that was found: its lengths linearly, its other parameters from a
-   grid over their bounds.  For r = a tan(theta/b) + c sin(theta/d) that keeps both terms alive; from the paper's own
-   start, c = 0, the descent stalls.
+   grid over their bounds, or from the axis outwards.  For r = a tan(theta/b) + c sin(theta/d) the grid keeps both terms
+   alive; from the paper's own start, c = 0, the descent stalls.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ _OUTERMOST_DEG = (8, 12, 17, 24, 33, 42, 52, 62, 72, 82, 92, 103, 115, 130)  # w
 _KEPT = 3  # scales that are refined
 _SAMPLE = 60  # points per view that the search looks at
 _HOPELESS = 0.02  # of the picture's longer side: a median error that no lens explains
+_FAR = 0.01  # of the outermost radius: an rms misfit of a lens that is no start yet
+_NOT_QUITE = 0.97  # of a lens's domain: nearer to its end a curve is too steep to be fitted
+_STEPS = 60  # of a descent on a curve
 _POSITIVE = (1.05, 1.15, 1.3, 1.6, 2.0, 3.0, 5.0, 9.0)  # grid for a lens parameter without an upper bound
 
 
@@ -65,14 +68,14 @@ class _Cubic(Lens):
         return np.stack([t, t**3], -1)
 
 
-def find_start(
+def find_starts(
     sightings: Sightings,
     size: tuple[int, int],
     lens: type[Lens],
     centre: tuple[float, float] | None = None,
     progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
-) -> Start:
-    """The best start found for a lens of the given kind.
+) -> list[Start]:
+    """The best start found for a lens of the given kind; several where the descent may end in several minima.
 
     Parameters
     ----------
@@ -103,7 +106,7 @@ def find_start(
             "calibration: no camera was found that sees the points where the pictures show them. Check that rows, "
             "units and picture size belong together, and that the target's coordinates are not mirrored"
         )
-    return best._replace(camera=_with_lens(sightings, best, lens))
+    return [best._replace(camera=camera) for camera in _with_lenses(sightings, best, lens)]
 
 
 def linear_poses(sightings: Sightings, camera: Camera) -> Poses:
@@ -212,42 +215,116 @@ def _nearest_rotation(matrix: FloatArray) -> FloatArray:
     return rotation
 
 
-def _with_lens(sightings: Sightings, start: Start, kind: type[Lens]) -> Camera:
-    """The start's camera with a lens of the kind asked for, fitted to the radii at which the points are imaged."""
+def _with_lenses(sightings: Sightings, start: Start, kind: type[Lens]) -> Iterator[Camera]:
+    """The start's camera with lenses of the kind asked for, fitted to the radii at which the points are imaged."""
     rays = sightings.rays(start.poses)
     theta = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
     from_centre = (sightings.pixels - start.camera.centre) / [1.0, start.camera.aspect]
-    lens = fitted_lens(kind, theta, np.hypot(*from_centre.T))
-    return dataclasses.replace(start.camera, lens=lens, half_fov=min(float(theta.max()), _whole(lens)))
+    for lens in fitted_lenses(kind, theta, np.hypot(*from_centre.T)):
+        yield dataclasses.replace(start.camera, lens=lens, half_fov=min(float(theta.max()), _whole(lens)))
 
 
-def fitted_lens(kind: type[Lens], theta: FloatArray, radius: FloatArray) -> Lens:
-    """The lens of one kind that is nearest to radii (n,) in pixels at angles theta (n,), as a start.
+def fitted_lenses(kind: type[Lens], theta: FloatArray, radius: FloatArray) -> list[Lens]:
+    """Lenses of one kind near to radii (n,) in pixels at angles theta (n,), to start from: the nearest first.
+
+    There is more than one where a parameter's interval has values of either sign: the error may have a minimum on
+    both sides of zero, and no descent crosses from one to the other.
 
     Raises
     ------
     GeometryError
         If no lens of the kind images the largest of the angles.
     """
-    best, least = None, math.inf
-    for ratios in itertools.product(*(_grid(p) for p in kind.parameters if not p.is_length)):
+    nearest: dict[tuple[bool, ...], tuple[float, Lens]] = {}
+    for ratios in _ratios(kind):
         lens = _with_best_lengths(kind, ratios, theta, radius)
         if lens is not None and lens.theta_max > theta.max():
-            misfit = float(np.sum((lens.radius(theta) - radius) ** 2))
-            if misfit < least:
-                best, least = lens, misfit
-    if best is None:
+            signs, misfit = tuple(ratio < 0 for ratio in ratios), _misfit(lens, theta, radius)
+            if signs not in nearest or misfit < nearest[signs][0]:
+                nearest[signs] = misfit, lens
+    found = sorted(nearest.values(), key=lambda item: item[0])
+    if not found or found[0][0] > len(radius) * (_FAR * float(radius.max())) ** 2:
+        grown = _grown(kind, theta, radius)
+        if grown is not None and (not found or _misfit(grown, theta, radius) < found[0][0]):
+            return [grown]
+    if not found:
         raise GeometryError(
             f"calibration: the points reach {math.degrees(float(theta.max())):.0f} degrees from the axis, further than "
             f"a {kind.projection} lens can image them; choose a lens that sees further"
         )
+    return [lens for _, lens in found]
+
+
+def _misfit(lens: Lens, theta: FloatArray, radius: FloatArray) -> float:
+    return float(np.sum((lens.radius(theta) - radius) ** 2))
+
+
+def _grown(kind: type[Lens], theta: FloatArray, radius: FloatArray) -> Lens | None:
+    """A lens fitted from the axis outwards, for kinds that reach the outer angles with the right values only.
+
+    A polynomial without its higher terms may end before the outermost point; fitted to the points that it does
+    reach, it bends, and reaches further ones.
+    """
+    best: Lens | None = None
+    for ratios in _ratios(kind):
+        lens = _with_best_lengths(kind, ratios, *_within(theta, radius, 0.5 * float(theta.max())))
+        reached = -1
+        while lens is not None:
+            inner, outer = _within(theta, radius, _NOT_QUITE * lens.theta_max)
+            if len(inner) in (reached, 0):
+                break
+            reached = len(inner)
+            lens = _followed(lens, inner, outer)
+        if lens is None or lens.theta_max <= theta.max():
+            continue
+        lens = _followed(lens, theta, radius)
+        if best is None or _misfit(lens, theta, radius) < _misfit(best, theta, radius):
+            best = lens
     return best
 
 
+def _within(theta: FloatArray, radius: FloatArray, limit: float) -> tuple[FloatArray, FloatArray]:
+    inside = theta <= limit
+    return theta[inside], radius[inside]
+
+
+def _followed(lens: Lens, theta: FloatArray, radius: FloatArray) -> Lens:
+    """The lens after a descent over all its values towards radii (n,) at angles theta (n,)."""
+    damping, misfit = 1e-3, _misfit(lens, theta, radius)
+    for _ in range(_STEPS):
+        slopes = lens.radius_by_parameter(theta)
+        scale = np.linalg.norm(slopes, axis=0)
+        scale[scale == 0] = 1.0
+        rows = np.concatenate([slopes / scale, math.sqrt(damping) * np.eye(scale.size)])
+        errors = np.concatenate([lens.radius(theta) - radius, np.zeros(scale.size)])
+        step = np.linalg.lstsq(rows, -errors, rcond=None)[0] / scale
+        try:
+            trial = lens.with_values(np.array(lens.values) + step)
+        except CameraError:
+            trial = None
+        reached = math.inf
+        if trial is not None and trial.theta_max > theta.max():
+            reached = _misfit(trial, theta, radius)
+        if trial is None or not reached < misfit:
+            damping *= 5
+            continue
+        ended = misfit - reached < 1e-6 * misfit
+        lens, misfit, damping = trial, reached, damping / 5
+        if ended:
+            break
+    return lens
+
+
+def _ratios(kind: type[Lens]) -> Iterator[tuple[float, ...]]:
+    """Every combination from the grids of the parameters that are no lengths."""
+    return itertools.product(*(_grid(p) for p in kind.parameters if not p.is_length))
+
+
 def _grid(parameter: Parameter) -> tuple[float, ...]:
-    """Values to try, from the bounds alone: inside an interval, above zero, or zero where both signs are allowed."""
+    """Values to try, from the bounds alone: inside an interval, above zero, or zero where there is no bound."""
     if parameter.upper < 100:
-        return tuple(np.linspace(parameter.lower, parameter.upper, 7)[1:-1].tolist())
+        count = 7 if parameter.lower >= 0 else 8  # an even number of values about zero: as many of either sign
+        return tuple(np.linspace(parameter.lower, parameter.upper, count)[1:-1].tolist())
     return _POSITIVE if parameter.lower >= 0 else (0.0,)
 
 

@@ -8,7 +8,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fullsphere.model.errors import CameraError
-from fullsphere.model.lens import LENSES, BaksteinPajdla, Lens, ScaledStereographic, angle_of_radius
+from fullsphere.model.lens import (
+    LENSES,
+    BaksteinPajdla,
+    Brown,
+    DoubleSphere,
+    EnhancedUnifiedCamera,
+    KannalaBrandt,
+    Lens,
+    ScaledStereographic,
+    Scaramuzza,
+    Stereographic,
+    Thoby,
+    UnifiedCamera,
+    angle_of_radius,
+)
+from fullsphere.model.radial import first_root
 from laws import PROJECTIONS, SEEDS, central_difference, hard_angles, law, lenses, steps, widest
 
 every_lens = pytest.mark.parametrize("projection", PROJECTIONS)
@@ -165,3 +180,116 @@ def test_with_values_replaces_all_in_the_order_of_parameters(projection: str) ->
     lens = typical(projection)
     assert lens.with_values(lens.values) == lens
     assert tuple(getattr(lens, p.name) for p in lens.parameters) == lens.values
+
+
+@every_lens
+@given(data=st.data())
+@law()
+def test_the_domain_ends_where_the_lens_does(projection: str, data: st.DataObject) -> None:
+    """At 180 degrees, or where r turns, or grows without bound or suddenly: not before."""
+    lens = data.draw(lenses(projection))
+    before = lens.theta_max - 1e-7
+    slopes = lens.slope(np.linspace(0, before, 2001))
+    turns, jumps = slopes[-1] < 1e-4 * slopes.max(), slopes[-1] > 1000 * slopes[0]
+    pole = lens.b * math.pi / 2 if isinstance(lens, BaksteinPajdla) else math.pi  # of a tangent of no weight, perhaps
+    assert lens.theta_max in (math.pi, pole) or turns or jumps
+
+
+# The formulas by other ways: plain arithmetic, or the projection of a point in space as the model defines it.
+
+
+def test_kannala_brandt_by_hand() -> None:
+    lens = KannalaBrandt(100.0, 0.1, 0.01, 0.001, 0.0001)
+    assert lens.radius([1.0, 2.0]) == pytest.approx([111.11, 329.92])  # 2 + 0.8 + 0.32 + 0.128 + 0.0512
+    assert lens.theta_max == math.pi
+    assert KannalaBrandt(100.0, -1 / 12, 0.0, 0.0, 0.0).theta_max == pytest.approx(2.0)  # 1 - theta^2/4 vanishes
+
+
+def test_brown_by_hand() -> None:
+    lens = Brown(100.0, 0.1, 0.01, 0.001)
+    assert lens.radius([math.pi / 4, math.atan(2.0)]) == pytest.approx([111.1, 100 * (2 + 0.8 + 0.32 + 0.128)])
+    assert lens.theta_max == math.pi / 2
+    assert Brown(100.0, -1 / 3, 0.0, 0.0).theta_max == pytest.approx(math.pi / 4)  # 1 - tan^2 vanishes
+
+
+def test_thoby_by_hand() -> None:
+    assert Thoby(100.0).radius(math.pi / 2) == pytest.approx(132.314, abs=0.001)  # 147 sin(64.17 degrees)
+    assert math.degrees(Thoby(100.0).theta_max) == pytest.approx(126.227, abs=0.001)
+
+
+def test_scaramuzza_images_the_ray_of_a_pixel_at_that_pixel() -> None:
+    a0, a2, a3, a4 = 400.0, -7e-4, 4e-7, -1e-9
+    lens = Scaramuzza(a0, a2, a3, a4)
+    p = np.array([1.0, 100.0, 300.0, 600.0, 750.0])
+    w = a0 + a2 * p**2 + a3 * p**3 + a4 * p**4
+    assert w[-1] < 0 < w[2]  # beyond 90 degrees and before
+    np.testing.assert_allclose(lens.radius(np.arctan2(p, w)), p, rtol=1e-13)
+
+
+POINTS = np.array([[3.0, 4.0, 12.0], [-1.0, 2.0, 0.0], [3.0, 4.0, -1.0], [0.1, -0.2, 1.0]])
+THETA = np.arctan2(np.hypot(POINTS[:, 0], POINTS[:, 1]), POINTS[:, 2])
+
+
+def test_unified_camera_is_a_sphere_seen_by_a_pinhole() -> None:
+    """Mei's form: the point on the unit sphere, seen from xi behind its centre."""
+    alpha = 0.62
+    xi = alpha / (1 - alpha)
+    on_sphere = POINTS / np.linalg.norm(POINTS, axis=1)[:, None]
+    seen = on_sphere[:, :2] / (on_sphere[:, 2:] + xi) * (1 + xi)
+    np.testing.assert_allclose(UnifiedCamera(300.0, alpha).radius(THETA), 300 * np.hypot(*seen.T), rtol=1e-13)
+    np.testing.assert_allclose(UnifiedCamera(300.0, 0.5).radius(THETA), Stereographic(300.0).radius(THETA), rtol=1e-13)
+
+
+def test_enhanced_unified_camera_by_its_inverse() -> None:
+    alpha, beta = 0.6, 1.1
+    m = EnhancedUnifiedCamera(1.0, alpha, beta).radius(THETA)
+    z = (1 - beta * alpha**2 * m**2) / (alpha * np.sqrt(1 - (2 * alpha - 1) * beta * m**2) + 1 - alpha)
+    np.testing.assert_allclose(np.arctan2(m, z), THETA, rtol=1e-13)
+
+
+def test_double_sphere_by_its_two_spheres_and_by_its_inverse() -> None:
+    xi, alpha = -0.2, 0.58
+    x, y, z = POINTS.T
+    d1 = np.linalg.norm(POINTS, axis=1)
+    d2 = np.sqrt(x**2 + y**2 + (xi * d1 + z) ** 2)
+    seen = POINTS[:, :2] / (alpha * d2 + (1 - alpha) * (xi * d1 + z))[:, None]
+    m = DoubleSphere(1.0, xi, alpha).radius(THETA)
+    np.testing.assert_allclose(m, np.hypot(*seen.T), rtol=1e-13)
+    mz = (1 - alpha**2 * m**2) / (alpha * np.sqrt(1 - (2 * alpha - 1) * m**2) + 1 - alpha)
+    gain = (mz * xi + np.sqrt(mz**2 + (1 - xi**2) * m**2)) / (mz**2 + m**2)
+    np.testing.assert_allclose(np.arctan2(gain * m, gain * mz - xi), THETA, rtol=1e-13)
+
+
+@pytest.mark.parametrize("xi", [-0.6, -0.2, 0.3, 0.6])
+@pytest.mark.parametrize("alpha", [0.2, 0.4, 0.6, 0.8])
+def test_double_sphere_ends_at_its_pole_or_summit(xi: float, alpha: float) -> None:
+    """Where the model's article, with w2 = (w1 + xi)/sqrt(2 w1 xi + xi^2 + 1), states another angle."""
+    lens = DoubleSphere(1.0, xi, alpha)
+    if alpha > 0.5:
+        assert lens.slope(lens.theta_max - 1e-5) > 0 > lens.slope(lens.theta_max + 1e-5)
+    else:
+        assert lens.radius(lens.theta_max - 1e-5) > 1e3
+        assert lens.radius(lens.theta_max + 1e-5) < -1e3
+    w1 = min(alpha, 1 - alpha) / max(alpha, 1 - alpha)
+    stated = math.acos(-(w1 + xi) / math.sqrt(2 * w1 * xi + xi**2 + 1))
+    assert abs(stated - lens.theta_max) > 0.005
+
+
+def test_values_in_powers_of_a_pixel_say_so_by_their_keys() -> None:
+    assert [(p.key, p.length_power) for p in Scaramuzza.parameters] == [
+        ("a0_px", 1),
+        ("a2_per_px", -1),
+        ("a3_per_px2", -2),
+        ("a4_per_px3", -3),
+    ]
+    assert [p.length_power for p in BaksteinPajdla.parameters] == [1, 0, 1, 0]
+    assert Scaramuzza(400.0, -8e-4, 4e-7, -8e-10).scaled(2.0) == Scaramuzza(800.0, -4e-4, 1e-7, -1e-10)
+
+
+def test_the_first_root_is_the_least_positive_one() -> None:
+    assert first_root([]) == math.inf
+    assert first_root([0.0, 0.0]) == math.inf
+    assert first_root([1.0, 1.0]) == math.inf
+    assert first_root([-0.5]) == pytest.approx(2.0)
+    assert first_root([-1.5, 0.5, 0.0]) == pytest.approx(1.0)  # (1 - x)(1 - x/2)
+    assert first_root([-2.0, 1.0]) == pytest.approx(1.0)  # a double root

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import csv
 import dataclasses
 import math
 import os
@@ -18,18 +19,26 @@ from fullsphere.model.camera import Camera
 from fullsphere.model.errors import CameraError, GeometryError, UsageError
 from fullsphere.model.lens import (
     BaksteinPajdla,
+    Brown,
+    DoubleSphere,
+    EnhancedUnifiedCamera,
     Equidistant,
     Equisolid,
     FloatArray,
+    KannalaBrandt,
     Lens,
     Orthographic,
     Perspective,
     ScaledStereographic,
+    Scaramuzza,
     Stereographic,
+    Thoby,
+    UnifiedCamera,
 )
 
 SHARED = Path(os.environ.get("FULLSPHERE_SHARED", Path(__file__).resolve().parents[3].parent / "shared"))
-OV_CUBE = SHARED / "data" / "calibration" / "ov-cube" / "corners_3d.csv"
+POINTS = SHARED / "data" / "calibration"
+OV_CUBE = POINTS / "ov-cube" / "corners_3d.csv"
 SIZE = (1280, 1280)
 
 
@@ -50,6 +59,14 @@ def curve_error(calibration: Calibration, truth: Camera) -> FloatArray:
         (ScaledStereographic(1250.0, 2.9), 95),
         (Orthographic(600.0), 75),
         (Perspective(600.0), 44),
+        (Thoby(400.0), 95),
+        (KannalaBrandt(380.0, -0.031, 0.0043, -0.0005, 0.0001), 95),
+        (Brown(900.0, -0.2, 0.06, -0.01), 44),
+        (Scaramuzza(380.0, -7e-4, 2e-7, -8e-10), 95),
+        (UnifiedCamera(380.0, 0.62), 95),
+        (EnhancedUnifiedCamera(380.0, 0.62, 1.1), 95),
+        (DoubleSphere(330.0, -0.15, 0.6), 95),
+        (DoubleSphere(480.0, 0.2, 0.75), 95),
     ],
     ids=lambda value: getattr(value, "projection", ""),
 )
@@ -274,3 +291,37 @@ def test_ov_cube_all_pictures() -> None:
 def test_ov_cube_each_picture_alone() -> None:
     rms = {view.image: calibrate([view], (1280, 800)).rms_px for view in read_points(OV_CUBE)}
     assert {image: value for image, value in rms.items() if value > 0.28} == {}
+
+
+# rms that other implementations of the lenses reach on these points
+REAL: list[tuple[str, tuple[int, int], str, float]] = [
+    ("ov-cube/corners_3d.csv", (1280, 800), "kannala-brandt", 0.2630),
+    ("ov-cube/corners_3d.csv", (1280, 800), "double-sphere", 0.2641),
+    ("camodocal/corners.csv", (1280, 960), "kannala-brandt", 0.4960),
+    ("ov-plane/corners.csv", (1280, 800), "kannala-brandt", 0.4815),
+    ("ov-plane/corners.csv", (1280, 800), "double-sphere", 0.4914),
+    ("urban-fisheye2/corners.csv", (748, 480), "kannala-brandt", 0.3230),
+]
+
+
+@pytest.mark.skipif(not POINTS.exists(), reason=f"real data: {POINTS} is not here")
+@pytest.mark.parametrize(("file", "size", "lens", "rms_px"), REAL)
+def test_real_points_through_other_lenses(file: str, size: tuple[int, int], lens: str, rms_px: float) -> None:
+    assert calibrate(_views(POINTS / file), size, lens).rms_px == pytest.approx(rms_px, abs=2e-4)
+
+
+@pytest.mark.skipif(not POINTS.exists(), reason=f"real data: {POINTS} is not here")
+def test_a_polynomial_that_starts_below_90_degrees_grows_to_points_beyond() -> None:
+    found = calibrate(_views(POINTS / "ov-plane" / "corners.csv"), (1280, 800), "scaramuzza")
+    assert found.observed_theta_deg[1] > 92
+    assert found.rms_px < 0.8
+
+
+def _views(path: Path) -> list[View]:
+    """Views of a table whose columns are named as here, or X, Y, Z, u, v."""
+    rows: dict[str, list[list[float]]] = {}
+    with path.open(newline="") as file:
+        for row in csv.DictReader(file):
+            names = ("x_mm", "y_mm", "z_mm", "u_px", "v_px") if "x_mm" in row else ("X", "Y", "Z", "u", "v")
+            rows.setdefault(row["image"], []).append([float(row[name]) for name in names])
+    return [View(image, np.array(v)[:, :3], np.array(v)[:, 3:]) for image, v in rows.items()]

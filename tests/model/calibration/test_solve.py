@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fullsphere.model.calibration import reduction
 from fullsphere.model.calibration import solve as solving
-from fullsphere.model.calibration.initial import fitted_lens, linear_poses
+from fullsphere.model.calibration.initial import fitted_lenses, linear_poses
 from fullsphere.model.calibration.points import Poses, Sightings
 from fullsphere.model.calibration.solve import descend, solve
 from fullsphere.model.errors import GeometryError
@@ -43,7 +43,7 @@ def test_linear_poses_are_exact_for_exact_rays_past_90_degrees(photographer: Any
 )
 def test_a_fitted_lens_follows_the_curve_it_is_given(truth: Lens) -> None:
     theta = np.radians(np.linspace(1, 95, 60))
-    lens = fitted_lens(BaksteinPajdla, theta, truth.radius(theta))
+    lens = fitted_lenses(BaksteinPajdla, theta, truth.radius(theta))[0]
     assert np.max(np.abs(lens.radius(theta) - truth.radius(theta))) < 3.0
     assert lens.theta_max > theta[-1]
 
@@ -51,7 +51,7 @@ def test_a_fitted_lens_follows_the_curve_it_is_given(truth: Lens) -> None:
 def test_no_perspective_lens_is_fitted_past_90_degrees() -> None:
     theta = np.radians(np.linspace(1, 95, 60))
     with pytest.raises(GeometryError, match="95 degrees"):
-        fitted_lens(Perspective, theta, 300 * theta)
+        fitted_lenses(Perspective, theta, 300 * theta)
 
 
 @pytest.mark.parametrize("ratios", [(3.0, 9.0), (2.0, 5.0), (9.0, 3.0), (1.3, 1.15)])
