@@ -44,7 +44,7 @@ LENSES_AND_HALF_FOVS: dict[str, tuple[Lens, float]] = {
     "thoby": (Thoby(600.0), 110),
     "kannala-brandt": (KannalaBrandt(1000.0, -0.031, 0.0043, -0.0005, 0.0001), 97.5),
     "brown": (Brown(1800.0, -0.29, 0.11, -0.02), 40),
-    "scaramuzza": (Scaramuzza(900.0, -4e-4, 0.0, -1e-10), 100),
+    "scaramuzza": (Scaramuzza(1400.0, -2e-4, 3e-8, -2e-11), 100),
     "ucm": (UnifiedCamera(900.0, 0.62), 105),
     "eucm": (EnhancedUnifiedCamera(800.0, 0.6, 1.1), 105),
     "double-sphere": (DoubleSphere(700.0, -0.2, 0.58), 105),
