@@ -91,10 +91,10 @@ class Camera:
                 f"camera: half field of view {math.degrees(self.half_fov):.6g} degrees is not between 0 and "
                 f"{math.degrees(self.lens.theta_max):.6g}, where the {self.lens.projection} lens stops growing"
             )
-        if not 0 < float(self.lens.radius(self.half_fov)) < 10 * MAX_SIDE_PX:
+        if not 0 < self.image_radius < 10 * MAX_SIDE_PX:
             raise CameraError(
                 f"camera: the {self.lens.projection} lens images {math.degrees(self.half_fov):.6g} degrees at "
-                f"{float(self.lens.radius(self.half_fov)):.4g} px; state a smaller field of view"
+                f"{self.image_radius:.4g} px; state a smaller field of view"
             )
         object.__setattr__(self, "size", (int(width), int(height)))
         object.__setattr__(self, "centre", (float(u0), float(v0)))
@@ -130,6 +130,11 @@ class Camera:
         with np.errstate(invalid="ignore", divide="ignore"):
             s = np.where(r > 0, np.sin(theta) / r, np.where(np.isnan(theta), np.nan, 0.0))
         return np.stack([s * x, s * y, np.cos(theta)], -1)
+
+    @property
+    def image_radius(self) -> float:
+        """Radius r(half_fov) in pixels of the circle that the camera images."""
+        return float(self.lens.radius(self.half_fov))
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -26,13 +26,19 @@ class ImageCircle(NamedTuple):
     centre: tuple[float, float]
     radius: float
 
+    def covers(self, size: tuple[int, int], aspect: float = 1.0) -> NDArray[np.bool_]:
+        """Which pixels (h, w) of a picture of (width, height) lie on the disc; `aspect` is that of the camera."""
+        v, u = np.ogrid[: size[1], : size[0]]
+        covered: NDArray[np.bool_] = np.hypot(u - self.centre[0], (v - self.centre[1]) / aspect) <= self.radius
+        return covered
+
 
 def within_circle(camera: Camera, circle: ImageCircle | None) -> Camera:
     """The camera with its field of view ended at the image circle, where it reached further.
 
     A calibration does not see where the lens ends: this is what a picture says of it.
     """
-    if circle is None or circle.radius >= float(camera.lens.radius(camera.half_fov)):
+    if circle is None or circle.radius >= camera.image_radius:
         return camera
     half_fov = float(angle_of_radius(camera.lens, circle.radius, camera.half_fov))
     return dataclasses.replace(camera, half_fov=half_fov)

@@ -69,7 +69,7 @@ class RayTable:
         """Pixels (..., 2) -> unit rays (..., 3), NaN outside the field of view."""
         given = np.ascontiguousarray(pixels, np.float64)
         rays = np.empty((*given.shape[:-1], 3))
-        q_max = float(self.camera.lens.radius(self.camera.half_fov)) ** 2
+        q_max = self.camera.image_radius**2
         kernels.unproject_pixels(
             given.reshape(-1, 2),
             self.inverse_s,
@@ -136,7 +136,7 @@ def _forward_pieces(camera: Camera, cells: int) -> FloatArray:
 
 
 def _inverse_pieces(camera: Camera, cells: int) -> FloatArray:
-    q = np.linspace(0.0, float(camera.lens.radius(camera.half_fov)) ** 2, cells + 1)
+    q = np.linspace(0.0, camera.image_radius**2, cells + 1)
     theta = angle_of_radius(camera.lens, np.sqrt(q), camera.half_fov)
     return np.hstack([_pieces(q, 1 / _radius_over_sine(camera, theta)), _pieces(q, np.cos(theta))])
 
@@ -166,7 +166,7 @@ def _forward_error(camera: Camera, pieces: FloatArray) -> float:
 
 def _inverse_error(camera: Camera, pieces: FloatArray) -> float:
     at = _probes(pieces.shape[0])
-    r = float(camera.lens.radius(camera.half_fov)) * np.sqrt(at)
+    r = camera.image_radius * np.sqrt(at)
     exact = angle_of_radius(camera.lens, r, camera.half_fov)
     theta = np.arctan2(_evaluate(pieces[:, :4], at) * r, _evaluate(pieces[:, 4:], at))
     by_angle = np.abs(theta - exact) * camera.lens.slope(exact)

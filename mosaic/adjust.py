@@ -268,10 +268,9 @@ def with_same_circle(camera: Camera, values: FloatArray) -> Camera | None:
 
     None where the values describe no lens that reaches that radius.
     """
-    radius = float(camera.lens.radius(camera.half_fov))
     try:
         lens = camera.lens.with_values(values[: len(camera.lens.values)])
-        half_fov = float(angle_of_radius(lens, radius, min(lens.theta_max * (1 - 1e-6), _WIDEST)))
+        half_fov = float(angle_of_radius(lens, camera.image_radius, min(lens.theta_max * (1 - 1e-6), _WIDEST)))
         return camera.with_values(values, half_fov=half_fov) if half_fov > 0 else None
     except CameraError:
         return None

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.camera import Camera
+from fullsphere.model.circle import ImageCircle
 from fullsphere.model.colour import encoded_from_linear, linear_from_encoded
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.remap import TILE_PX, Tile, pixels_per_radian, tiles, window_rays
@@ -160,20 +161,16 @@ def _filled(colour: NDArray[np.float32], seen: NDArray[np.float32], ratio: float
     return np.where(seen[..., None] > 0, colour, nearby)
 
 
-def _field_of_view(camera: Camera) -> NDArray[np.float32]:
-    """1 for the pixels (h, w) within the image circle, else 0."""
-    v, u = np.ogrid[: camera.size[1], : camera.size[0]]
-    r = np.hypot(u - camera.centre[0], (v - camera.centre[1]) / camera.aspect)
-    return (r <= camera.lens.radius(camera.half_fov)).astype(np.float32)
-
-
 class _LightCache:
     """The frames' linear light, the latest used kept in memory; safe to ask from several threads."""
 
     def __init__(self, camera: Camera, ratio: float) -> None:
         self._ratio = ratio
         rim_px = _RIM * float(camera.lens.slope(camera.half_fov - _RIM))
-        self._within = _field_of_view(camera) if rim_px < 2 + 2 * ratio else None  # else no kernel reaches beyond
+        self._within: NDArray[np.float32] | None = None
+        if rim_px < 2 + 2 * ratio:  # else no kernel reaches beyond the image circle
+            circle = ImageCircle(camera.centre, camera.image_radius)
+            self._within = circle.covers(camera.size, camera.aspect).astype(np.float32)
         self._kept: OrderedDict[str, _Light] = OrderedDict()
         self._lock = threading.Lock()
         self._loading: dict[str, threading.Lock] = {}

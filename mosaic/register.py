@@ -20,7 +20,7 @@ from fullsphere.mosaic.level import level_turn
 from fullsphere.mosaic.links import Progress, gather_evidence
 from fullsphere.mosaic.matching import MIN_INLIERS
 from fullsphere.mosaic.project import Frame, Mosaic, Picture
-from fullsphere.mosaic.self_calibration import TOLERANCE_PX, image_radius, self_calibrate, starting_cameras
+from fullsphere.mosaic.self_calibration import TOLERANCE_PX, self_calibrate, starting_cameras
 from fullsphere.mosaic.solution import Solution, solve_links
 
 _RIM = 0.985  # of the image circle's radius: beyond it the rim itself would give keypoints
@@ -104,13 +104,12 @@ def _with_mask(
     height, width = picture.shape[:2]
     allowed = np.full((height, width), 255, np.uint8)
     if camera is not None:
-        circle, aspect = ImageCircle(camera.centre, image_radius(camera)), camera.aspect
+        circle, aspect = ImageCircle(camera.centre, camera.image_radius), camera.aspect
     else:
         aspect = 1.0
     if circle is not None:
-        v, u = np.ogrid[:height, :width]
-        r = np.hypot(u - circle.centre[0], (v - circle.centre[1]) / aspect)
-        allowed[r > _RIM * circle.radius] = 0
+        inner = circle._replace(radius=_RIM * circle.radius)
+        allowed[~inner.covers((width, height), aspect)] = 0
     if picture.shape[2] == 4:
         allowed[picture[..., 3] == 0] = 0
     return picture, allowed

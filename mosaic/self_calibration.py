@@ -56,11 +56,6 @@ def starting_cameras(size: tuple[int, int], circle: ImageCircle | None) -> list[
     ]
 
 
-def image_radius(camera: Camera) -> float:
-    """Radius in pixels of the circle that the camera images."""
-    return float(camera.lens.radius(camera.half_fov))
-
-
 def as_bakstein_pajdla(camera: Camera) -> Camera:
     """The camera with a Bakstein-Pajdla lens of the same curve, as nearly as can be.
 
@@ -116,13 +111,13 @@ def self_calibrate(evidence: Evidence, starts: Sequence[Camera], count: int, exe
         sampled = [thinned(link, _SAMPLE) for link in links]
         return solve_links(sampled, count, camera, free, scales, tolerance=1e-4).adjustment
 
-    camera = _best_start(starts, lambda start: evidence.links(start, _START * image_radius(start), executor, few))
-    links = evidence.links(camera, _START * image_radius(camera), executor, more)
+    camera = _best_start(starts, lambda start: evidence.links(start, _START * start.image_radius, executor, few))
+    links = evidence.links(camera, _START * camera.image_radius, executor, more)
     camera = as_bakstein_pajdla(improve(camera, links, ("f_px",), (10.0,)).camera)
     lens = tuple(p.key for p in camera.lens.parameters)
     square = (*lens, "centre_u_px", "centre_v_px")
     for tolerance, free, scales in ((0.015, lens, (5.0,)), (0.01, square, (5.0, 2.0)), (0.005, square, (4.0, 1.0))):
-        links = evidence.links(camera, max(tolerance * image_radius(camera), TOLERANCE_PX), executor, more)
+        links = evidence.links(camera, max(tolerance * camera.image_radius, TOLERANCE_PX), executor, more)
         camera = improve(camera, links, free, scales).camera
     plain, oblong = (improve(camera, links, free, (1.0,)) for free in (square, (*square, "aspect")))
     better, free = (oblong, (*square, "aspect")) if oblong.cost < _CLEARLY_BETTER * plain.cost else (plain, square)

@@ -8,7 +8,7 @@ import pytest
 from fullsphere.model.camera import Camera
 from fullsphere.model.circle import ImageCircle
 from fullsphere.model.lens import Equidistant, Equisolid, Stereographic
-from fullsphere.mosaic.self_calibration import as_bakstein_pajdla, image_radius, starting_cameras
+from fullsphere.mosaic.self_calibration import as_bakstein_pajdla, starting_cameras
 from laws import fisheye
 
 CIRCLE = ImageCircle((410.3, 295.8), 280.0)
@@ -17,7 +17,7 @@ CIRCLE = ImageCircle((410.3, 295.8), 280.0)
 def test_starts_on_a_circle_image_that_circle() -> None:
     starts = starting_cameras((800, 600), CIRCLE)
     for camera in starts:
-        assert image_radius(camera) == pytest.approx(CIRCLE.radius)
+        assert camera.image_radius == pytest.approx(CIRCLE.radius)
         assert camera.centre == CIRCLE.centre
         assert camera.size == (800, 600)
         assert camera.aspect == 1
@@ -29,7 +29,7 @@ def test_starts_on_a_circle_image_that_circle() -> None:
 def test_starts_without_a_circle_reach_the_corners() -> None:
     starts = starting_cameras((800, 600), None)
     for camera in starts:
-        assert image_radius(camera) == pytest.approx(500)
+        assert camera.image_radius == pytest.approx(500)
         assert camera.centre == (399.5, 299.5)
         assert np.isfinite(camera.unproject(np.array([[400, 300], [0.5, 0.5], [798.5, 598.5]]))).all()
     halves = np.array([camera.half_fov for camera in starts])
@@ -51,7 +51,7 @@ def test_bakstein_pajdla_takes_over_the_curve(camera: Camera) -> None:
     taken = as_bakstein_pajdla(camera)
     theta = np.linspace(0, camera.half_fov, 200)
     off = np.abs(taken.lens.radius(theta) - camera.lens.radius(theta))
-    assert off.max() < 0.01 * image_radius(camera)
+    assert off.max() < 0.01 * camera.image_radius
     assert (taken.size, taken.centre, taken.aspect, taken.half_fov) == (
         camera.size,
         camera.centre,
