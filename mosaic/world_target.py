@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fullsphere.model.calibration.board import Placement
 from fullsphere.model.calibration.targets import CharucoBoard, marker_dictionary
 from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.world_panels import Light, Panel, PanelScene
@@ -36,7 +37,7 @@ def charuco_box() -> tuple[CharucoBoard, ...]:
         pose = np.eye(4)
         pose[:3] = np.stack([x_axis, y_axis, np.cross(x_axis, y_axis), origin], -1)
         first_id = boards[-1].first_id + boards[-1].marker_count if boards else 0
-        boards.append(CharucoBoard(squares_x, squares_y, square, 0.7 * square, first_id, dictionary, pose))
+        boards.append(CharucoBoard(squares_x, squares_y, square, 0.7 * square, first_id, dictionary, Placement(pose)))
     return tuple(boards)
 
 
@@ -49,8 +50,8 @@ def _panel(board: CharucoBoard) -> Panel:
     texture = _printed(board)
     texel_mm = board.square_mm / _TEXELS
     sides = np.array(texture.shape[1::-1]) * texel_mm
-    corner = board.to_target(np.full(2, -_margin_texels() * texel_mm))
-    axes = board.target_from_board[:3, :2]
+    corner = board.placement.lift(np.full(2, -_margin_texels() * texel_mm))
+    axes = board.placement.target_from_board[:3, :2]
     return Panel(corner, axes[:, 0] * sides[0], axes[:, 1] * sides[1], texture * _uneven_light(board, texture.shape))
 
 

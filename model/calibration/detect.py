@@ -57,7 +57,7 @@ def find_charuco_corners(picture: NDArray[Any], boards: Sequence[CharucoBoard]) 
 
     Returns
     -------
-    The corners found, board by board in the order of `corners_on_target`; none if there is no target.  A corner
+    The corners found, board by board in the order of `marks_on_target`; none if there is no target.  A corner
     counts only when two neighbouring markers confirm each other and the picture there is two crossing edges.
 
     Raises
@@ -79,7 +79,7 @@ def find_charuco_corners(picture: NDArray[Any], boards: Sequence[CharucoBoard]) 
         clear = (1 - board.marker_mm / board.square_mm) / 2
         found = fit_saddles(light, expected.pixels, expected.px_from_square, clear)
         keep = _credible(board, expected, found)
-        points.append(board.corners_on_target()[expected.corners[keep]])
+        points.append(board.marks_on_target()[expected.corners[keep]])
         pixels.append(found.pixels[keep])
     return CornersFound(np.concatenate(points), np.concatenate(pixels))
 

@@ -12,14 +12,15 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from fullsphere.model.calibration.board import Artwork, Board, Placement
 from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class CharucoBoard:
+class CharucoBoard(Board):
     """One flat board of a target, printed as OpenCV prints it (not the "legacy" pattern): black first square.
 
     The board's frame has its origin at the outer corner of the first square, x along the first row, y down the first
@@ -35,8 +36,8 @@ class CharucoBoard:
         Markers are numbered from it, row by row; the boards of one target have no number in common.
     dictionary
         OpenCV's name of the marker dictionary, "DICT_5X5_1000" for example.
-    target_from_board
-        Rigid motion (4, 4) that takes points of the board's frame to the target's, mm.
+    placement
+        Where the board's paper is in the target's frame.
 
     Raises
     ------
@@ -50,7 +51,7 @@ class CharucoBoard:
     marker_mm: float
     first_id: int = 0
     dictionary: str = "DICT_5X5_1000"
-    target_from_board: FloatArray = dataclasses.field(default_factory=lambda: np.eye(4), repr=False)
+    placement: Placement = dataclasses.field(default_factory=Placement)
 
     def __post_init__(self) -> None:
         if min(self.squares_x, self.squares_y) < 2:
@@ -63,13 +64,6 @@ class CharucoBoard:
                 f"board: ids {self.first_id} to {self.first_id + self.marker_count - 1} are not all in "
                 f"{self.dictionary}, which has {known}"
             )
-        pose = np.array(self.target_from_board, float)
-        turn = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
-        rigid = np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) and np.linalg.det(turn) > 0
-        if not (rigid and np.allclose(pose[3], [0, 0, 0, 1])):
-            raise UsageError("board: target_from_board is not a rigid motion (4 x 4)")
-        pose.flags.writeable = False
-        object.__setattr__(self, "target_from_board", pose)
 
     @property
     def marker_count(self) -> int:
@@ -86,21 +80,14 @@ class CharucoBoard:
         row, column = np.nonzero(np.indices((self.squares_y, self.squares_x)).sum(0) % 2)
         return np.stack([column, row], -1)
 
-    def corners_on_board(self) -> FloatArray:
-        """Inner corners (corner_count, 2) on the board, mm, row by row: the number of a corner is its row here."""
+    def marks_on_paper(self) -> FloatArray:
+        """Inner corners (corner_count, 2), row by row."""
         row, column = np.indices((self.squares_y - 1, self.squares_x - 1)).reshape(2, -1)
         return np.asarray((np.stack([column, row], -1) + 1.0) * self.square_mm, float)
 
-    def to_target(self, points_on_board: ArrayLike) -> FloatArray:
-        """Points (..., 2) on the board's paper -> (..., 3) in the target's frame, mm."""
-        flat = np.asarray(points_on_board, float)
-        pose = self.target_from_board
-        moved: FloatArray = flat @ pose[:3, :2].T + pose[:3, 3]
-        return moved
-
-    def corners_on_target(self) -> FloatArray:
-        """Inner corners (corner_count, 3) in the target's frame, mm, in the order of `corners_on_board`."""
-        return self.to_target(self.corners_on_board())
+    def artwork(self) -> Artwork:
+        """Black squares, and the black modules of the markers in the white ones, with a margin of half a square."""
+        raise NotImplementedError
 
 
 def marker_dictionary(name: str) -> cv2.aruco.Dictionary:
@@ -127,3 +114,41 @@ def one_dictionary(boards: Sequence[CharucoBoard]) -> str:
             raise UsageError(f"two boards of the target both have marker {board.first_id}")
         end = board.first_id + board.marker_count - 1
     return names.pop()
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Target:
+    """A rigid calibration target: one board, or several of one kind fixed to each other.
+
+    Attributes
+    ----------
+    name
+        What to call it in messages: the text it was specified by, or the name of its file.
+    boards
+        Its boards.  Marks are numbered over all of them: those of the first board, then those of the second, ...
+    points
+        All marks (N, 3) in the target's frame, mm; a mark's number is its row here.
+
+    Raises
+    ------
+    UsageError
+        If there is no board, or the boards do not make one target.
+    """
+
+    name: str
+    boards: tuple[Board, ...]
+    points: FloatArray = dataclasses.field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if not self.boards:
+            raise UsageError(f"{self.name}: a target has at least one board")
+        kind = type(self.boards[0])
+        if any(type(board) is not kind for board in self.boards):
+            raise UsageError(f"{self.name}: the boards of a target are of one kind")
+        object.__setattr__(self, "points", np.concatenate([board.marks_on_target() for board in self.boards]))
+
+    @property
+    def first_marks(self) -> NDArray[np.intp]:
+        """The number of the first mark of each board."""
+        counts = [len(board.marks_on_paper()) for board in self.boards]
+        return np.cumsum([0, *counts[:-1]])

@@ -43,7 +43,7 @@ def test_corners_of_a_wide_photo_are_found_where_they_are(position: Any, angles:
     points, pixels = find_charuco_corners(photo, boards)
     rays = (points - position) @ turned.T
     error = np.linalg.norm(pixels - camera.project(rays), axis=-1)
-    everything = np.concatenate([board.corners_on_target() for board in boards])
+    everything = np.concatenate([board.marks_on_target() for board in boards])
     visible = np.isfinite(camera.project((everything - position) @ turned.T)).all(-1).sum()
     theta = np.degrees(np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2]))
     assert len(np.unique(points, axis=0)) == len(points)
