@@ -8,10 +8,11 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fullsphere.model.calibration.initial import Start, find_starts
+from fullsphere.model.calibration.initial import Start, find_starts, linear_poses
 from fullsphere.model.calibration.points import Poses, Sightings, View
-from fullsphere.model.calibration.solve import Solution, solve
+from fullsphere.model.calibration.solve import Solution, descend, solve
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import GeometryError, UsageError
 from fullsphere.model.lens import LENSES, FloatArray, Lens, angle_of_radius
@@ -24,6 +25,14 @@ _HOPELESS = 0.02  # rms as a share of the picture's longer side: wrong points, o
 _UNDETERMINED = 0.05  # sigma of r at the outermost point as a share of r: the lens is not observable
 
 
+@dataclasses.dataclass(frozen=True)
+class LeftOut:
+    """A view that took no part: the picture's name and why."""
+
+    image: str
+    reason: str
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Calibration:
     """A camera found from known points, and how well.
@@ -32,12 +41,21 @@ class Calibration:
     ----------
     camera
         Lens, centre, aspect and field of view.
-    images
-        Names of the views, V of them.
+    views
+        The views of the target, V of them, without those left out.
     poses
         `camera_from_target` (V, 3, 3) and `translation` (V, 3), in the target's unit.
     residuals_px
-        Predicted minus observed, one (n, 2) array per view.
+        Predicted minus observed, one (n, 2) array per view, rejected points too.
+    used
+        One boolean array (n,) per view: false for the points that were rejected.
+    left_out
+        Views that had to be left out altogether, with the reason.
+    sigma_px
+        Standard deviation of a coordinate: sqrt(squared residuals / degrees of freedom), points used.
+    bow_mm
+        How far the middle of the board stands off the plane of its edges along its x and along its y axis, towards
+        +z, mm; None where it was taken as flat.
     observed_theta_deg
         Smallest and largest angle from the axis at which a point was seen; beyond, the curve is extrapolated.
     covariance_factor
@@ -48,11 +66,20 @@ class Calibration:
     """
 
     camera: Camera
-    images: tuple[str, ...]
+    views: tuple[View, ...]
     poses: Poses
     residuals_px: tuple[FloatArray, ...]
+    used: tuple[NDArray[np.bool_], ...]
+    left_out: tuple[LeftOut, ...]
     observed_theta_deg: tuple[float, float]
     covariance_factor: FloatArray
+    sigma_px: float
+    bow_mm: tuple[float, float] | None = None
+
+    @property
+    def images(self) -> tuple[str, ...]:
+        """Names of the views."""
+        return tuple(view.image for view in self.views)
 
     @property
     def covariance(self) -> FloatArray:
@@ -62,18 +89,23 @@ class Calibration:
 
     @property
     def rms_px(self) -> float:
-        """sqrt(mean(du^2 + dv^2)) over all points, nothing rejected."""
-        return math.sqrt(float(np.mean(np.sum(np.concatenate(self.residuals_px) ** 2, -1))))
+        """sqrt(mean(du^2 + dv^2)) over the points used."""
+        return _rms(np.concatenate(self.residuals_px)[np.concatenate(self.used)])
+
+    @property
+    def rms_with_rejected_px(self) -> float:
+        """The same over all points of the views, those rejected too."""
+        return _rms(np.concatenate(self.residuals_px))
 
     @property
     def points(self) -> int:
-        """Number of points, over all views."""
-        return sum(map(len, self.residuals_px))
+        """Number of points used, over all views."""
+        return int(sum(map(np.count_nonzero, self.used)))
 
     @property
-    def views(self) -> int:
-        """Number of pictures of the target."""
-        return len(self.images)
+    def rejected(self) -> int:
+        """Number of points of the views that were not used."""
+        return sum(map(len, self.used)) - self.points
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -127,7 +159,7 @@ def calibrate(
     _check_inside(sightings, image_size)
     solution = _best(sightings, find_starts(sightings, image_size, kind, centre, progress))
     _check_fit(sightings, solution)
-    calibration = _described(sightings, solution, half_fov)
+    calibration = _described(tuple(views), sightings, solution, half_fov)
     _check_determined(calibration)
     return calibration
 
@@ -137,6 +169,23 @@ def curve_of(calibration: Calibration) -> Curve:
     theta_deg = np.arange(math.floor(math.degrees(calibration.camera.half_fov) + 1e-9) + 1.0)
     radius = calibration.camera.lens.radius(np.radians(theta_deg))
     return Curve(theta_deg, radius, _sigma_of_radius(calibration, np.radians(theta_deg)))
+
+
+def locate(views: Sequence[View], camera: Camera) -> tuple[Poses, tuple[FloatArray, ...]]:
+    """Where the target stands in each view before a known camera: the poses of least squared error, camera fixed.
+
+    Returns
+    -------
+    The poses, and predicted minus observed pixels, one (n, 2) array per view.
+
+    Raises
+    ------
+    GeometryError
+        If the camera cannot see the points where the pictures show them.
+    """
+    sightings = Sightings.of(views)
+    solution = descend(sightings, camera, linear_poses(sightings, camera), free=())
+    return solution.poses, sightings.split(solution.residuals)
 
 
 def _sigma_of_radius(calibration: Calibration, theta: FloatArray) -> FloatArray:
@@ -158,6 +207,10 @@ def _best(sightings: Sightings, starts: Sequence[Start]) -> Solution:
     return min(solutions, key=lambda solution: solution.rms_px)
 
 
+def _rms(residuals: FloatArray) -> float:
+    return math.sqrt(float(np.mean(np.sum(residuals**2, -1))))
+
+
 def _kind(lens: str | type[Lens]) -> type[Lens]:
     if not isinstance(lens, str):
         return lens
@@ -166,19 +219,25 @@ def _kind(lens: str | type[Lens]) -> type[Lens]:
     return LENSES[lens]
 
 
-def _described(sightings: Sightings, solution: Solution, half_fov: float | None) -> Calibration:
+def _described(
+    views: tuple[View, ...], sightings: Sightings, solution: Solution, half_fov: float | None
+) -> Calibration:
     rays = sightings.rays(solution.poses)
     theta = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
     lowest, highest = float(theta.min()), float(theta.max())
     chosen = _field_of_view(solution.camera, highest) if half_fov is None else half_fov
     freedom = solution.residuals.size - 6 * len(sightings.images) - len(solution.camera.values)
+    sigma = math.sqrt(float(np.sum(solution.residuals**2)) / freedom)
     return Calibration(
         dataclasses.replace(solution.camera, half_fov=chosen),
-        sightings.images,
+        views,
         solution.poses,
         sightings.split(solution.residuals),
+        tuple(np.ones(len(view.pixels), bool) for view in views),
+        (),
         (math.degrees(lowest), math.degrees(highest)),
-        _inverse_factor(solution.triangle) * math.sqrt(float(np.sum(solution.residuals**2)) / freedom),
+        _inverse_factor(solution.triangle) * sigma,
+        sigma,
     )
 
 

@@ -40,7 +40,7 @@ def _record(calibration: Calibration, inputs: Sequence[Path]) -> dict[str, Any]:
     return {
         "rms_px": calibration.rms_px,
         "points": calibration.points,
-        "views": calibration.views,
+        "views": len(calibration.views),
         "observed_theta_deg": list(calibration.observed_theta_deg),
         "covariance": {"of": list(calibration.camera.parameter_names), "values": calibration.covariance},
         "inputs": {file.name: sha256_of(file) for file in inputs},
