@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fullsphere.model.calibration.initial import Start, find_starts, linear_poses
+from fullsphere.model.calibration.initial import Start, find_starts
+from fullsphere.model.calibration.linear_pose import linear_poses
 from fullsphere.model.calibration.points import Poses, Sightings, View
 from fullsphere.model.calibration.solve import Solution, descend, solve
 from fullsphere.model.camera import Camera

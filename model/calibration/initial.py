@@ -19,7 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fullsphere.model.calibration.points import Poses, Sightings, is_flat
+from fullsphere.model.calibration.lens_fit import fitted_lenses
+from fullsphere.model.calibration.linear_pose import linear_poses
+from fullsphere.model.calibration.points import Poses, Sightings
 from fullsphere.model.calibration.solve import descend
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import CameraError, GeometryError
@@ -29,10 +31,6 @@ _OUTERMOST_DEG = (8, 12, 17, 24, 33, 42, 52, 62, 72, 82, 92, 103, 115, 130)  # w
 _KEPT = 3  # scales that are refined
 _SAMPLE = 60  # points per view that the search looks at
 _HOPELESS = 0.02  # of the picture's longer side: a median error that no lens explains
-_FAR = 0.01  # of the outermost radius: an rms misfit of a lens that is no start yet
-_NOT_QUITE = 0.97  # of a lens's domain: nearer to its end a curve is too steep to be fitted
-_STEPS = 60  # of a descent on a curve
-_POSITIVE = (1.05, 1.15, 1.3, 1.6, 2.0, 3.0, 5.0, 9.0)  # grid for a lens parameter without an upper bound
 
 
 class Start(NamedTuple):
@@ -109,13 +107,6 @@ def find_starts(
     return [best._replace(camera=camera) for camera in _with_lenses(sightings, best, lens)]
 
 
-def linear_poses(sightings: Sightings, camera: Camera) -> Poses:
-    """The pose of each view for a known camera, from rays: linear, so a start for `descend`, not its end."""
-    rays = camera.unproject(sightings.pixels)
-    found = [_pose(points, x) for points, x in zip(*map(sightings.split, (sightings.points, rays)), strict=True)]
-    return Poses(np.array([rotation for rotation, _ in found]), np.array([translation for _, translation in found]))
-
-
 def _sampled(sightings: Sightings) -> Sightings:
     """At most `_SAMPLE` points of each view, taken at random (always the same): every k-th might be one line."""
     rng = np.random.default_rng(0)
@@ -176,45 +167,6 @@ def _better(sightings: Sightings, camera: Camera, poses: Poses) -> Poses:
     )
 
 
-def _pose(points: FloatArray, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rotation and translation with rays (n, 3) along R points + t; rays that are NaN do not count.
-
-    Minimises the sum of |x cross (A y + t)|^2 over all 3 x 4 matrices [A t], y the points along the axes of their own
-    spread; A is then replaced by the nearest rotation and t by the best for it.  Points on a plane have no third
-    axis: two columns of A are found and the third is their cross product.
-    """
-    mean = points.mean(0)
-    axes = np.linalg.svd(points - mean, full_matrices=False)[2]
-    axes *= np.sign(np.linalg.det(axes))
-    spread = (points - mean) @ axes.T
-    unit = math.sqrt(float(np.mean(spread**2)))
-    known = 2 if is_flat(points) else 3
-    y = np.column_stack([spread[:, :known] / unit, np.ones(len(points))])
-    seen = np.asarray(np.isfinite(rays).all(1))
-    x = np.where(seen[:, None], rays, 0.0)
-    across = seen[:, None, None] * np.eye(3) - x[:, :, None] * x[:, None, :]  # |x cross p|^2 = p . across p
-    moments = across.reshape(-1, 9).T @ (y[:, :, None] * y[:, None, :]).reshape(len(y), -1)
-    moments = moments.reshape(3, 3, known + 1, known + 1).transpose(0, 2, 1, 3).reshape(3 * known + 3, -1)
-    form = np.linalg.eigh(moments)[1][:, 0].reshape(3, known + 1)
-    if np.sum(x * (y @ form.T)) < 0:  # the points stand along their rays, not opposite
-        form = -form
-    rotation = _nearest_rotation(form[:, :known])
-    turned = rotation[:, :known] @ y[:, :known].T
-    translation = -np.linalg.lstsq(across.sum(0), np.einsum("nij,jn->i", across, turned), rcond=None)[0]
-    whole = rotation @ axes
-    return whole, translation * unit - whole @ mean
-
-
-def _nearest_rotation(matrix: FloatArray) -> FloatArray:
-    """The rotation nearest to a (3, 3) matrix, or nearest in its first two columns to a (3, 2) matrix."""
-    u, _, vt = np.linalg.svd(matrix, full_matrices=False)
-    if matrix.shape[1] == 2:
-        first = u @ vt
-        return np.column_stack([first, np.cross(first[:, 0], first[:, 1])])
-    rotation: FloatArray = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
-    return rotation
-
-
 def _with_lenses(sightings: Sightings, start: Start, kind: type[Lens]) -> Iterator[Camera]:
     """The start's camera with lenses of the kind asked for, fitted to the radii at which the points are imaged."""
     rays = sightings.rays(start.poses)
@@ -222,125 +174,3 @@ def _with_lenses(sightings: Sightings, start: Start, kind: type[Lens]) -> Iterat
     from_centre = (sightings.pixels - start.camera.centre) / [1.0, start.camera.aspect]
     for lens in fitted_lenses(kind, theta, np.hypot(*from_centre.T)):
         yield dataclasses.replace(start.camera, lens=lens, half_fov=min(float(theta.max()), _whole(lens)))
-
-
-def fitted_lenses(kind: type[Lens], theta: FloatArray, radius: FloatArray) -> list[Lens]:
-    """Lenses of one kind near to radii (n,) in pixels at angles theta (n,), to start from: the nearest first.
-
-    There is more than one where a parameter's interval has values of either sign: the error may have a minimum on
-    both sides of zero, and no descent crosses from one to the other.
-
-    Raises
-    ------
-    GeometryError
-        If no lens of the kind images the largest of the angles.
-    """
-    nearest: dict[tuple[bool, ...], tuple[float, Lens]] = {}
-    for ratios in _ratios(kind):
-        lens = _with_best_lengths(kind, ratios, theta, radius)
-        if lens is not None and lens.theta_max > theta.max():
-            signs, misfit = tuple(ratio < 0 for ratio in ratios), _misfit(lens, theta, radius)
-            if signs not in nearest or misfit < nearest[signs][0]:
-                nearest[signs] = misfit, lens
-    found = sorted(nearest.values(), key=lambda item: item[0])
-    if not found or found[0][0] > len(radius) * (_FAR * float(radius.max())) ** 2:
-        grown = _grown(kind, theta, radius)
-        if grown is not None and (not found or _misfit(grown, theta, radius) < found[0][0]):
-            return [grown]
-    if not found:
-        raise GeometryError(
-            f"calibration: the points reach {math.degrees(float(theta.max())):.0f} degrees from the axis, further than "
-            f"a {kind.projection} lens can image them; choose a lens that sees further"
-        )
-    return [lens for _, lens in found]
-
-
-def _misfit(lens: Lens, theta: FloatArray, radius: FloatArray) -> float:
-    return float(np.sum((lens.radius(theta) - radius) ** 2))
-
-
-def _grown(kind: type[Lens], theta: FloatArray, radius: FloatArray) -> Lens | None:
-    """A lens fitted from the axis outwards, for kinds that reach the outer angles with the right values only.
-
-    A polynomial without its higher terms may end before the outermost point; fitted to the points that it does
-    reach, it bends, and reaches further ones.
-    """
-    best: Lens | None = None
-    for ratios in _ratios(kind):
-        lens = _with_best_lengths(kind, ratios, *_within(theta, radius, 0.5 * float(theta.max())))
-        reached = -1
-        while lens is not None:
-            inner, outer = _within(theta, radius, _NOT_QUITE * lens.theta_max)
-            if len(inner) in (reached, 0):
-                break
-            reached = len(inner)
-            lens = _followed(lens, inner, outer)
-        if lens is None or lens.theta_max <= theta.max():
-            continue
-        lens = _followed(lens, theta, radius)
-        if best is None or _misfit(lens, theta, radius) < _misfit(best, theta, radius):
-            best = lens
-    return best
-
-
-def _within(theta: FloatArray, radius: FloatArray, limit: float) -> tuple[FloatArray, FloatArray]:
-    inside = theta <= limit
-    return theta[inside], radius[inside]
-
-
-def _followed(lens: Lens, theta: FloatArray, radius: FloatArray) -> Lens:
-    """The lens after a descent over all its values towards radii (n,) at angles theta (n,)."""
-    damping, misfit = 1e-3, _misfit(lens, theta, radius)
-    for _ in range(_STEPS):
-        slopes = lens.radius_by_parameter(theta)
-        scale = np.linalg.norm(slopes, axis=0)
-        scale[scale == 0] = 1.0
-        rows = np.concatenate([slopes / scale, math.sqrt(damping) * np.eye(scale.size)])
-        errors = np.concatenate([lens.radius(theta) - radius, np.zeros(scale.size)])
-        step = np.linalg.lstsq(rows, -errors, rcond=None)[0] / scale
-        try:
-            trial = lens.with_values(np.array(lens.values) + step)
-        except CameraError:
-            trial = None
-        reached = math.inf
-        if trial is not None and trial.theta_max > theta.max():
-            reached = _misfit(trial, theta, radius)
-        if trial is None or not reached < misfit:
-            damping *= 5
-            continue
-        ended = misfit - reached < 1e-6 * misfit
-        lens, misfit, damping = trial, reached, damping / 5
-        if ended:
-            break
-    return lens
-
-
-def _ratios(kind: type[Lens]) -> Iterator[tuple[float, ...]]:
-    """Every combination from the grids of the parameters that are no lengths."""
-    return itertools.product(*(_grid(p) for p in kind.parameters if not p.is_length))
-
-
-def _grid(parameter: Parameter) -> tuple[float, ...]:
-    """Values to try, from the bounds alone: inside an interval, above zero, or zero where there is no bound."""
-    if parameter.upper < 100:
-        count = 7 if parameter.lower >= 0 else 8  # an even number of values about zero: as many of either sign
-        return tuple(np.linspace(parameter.lower, parameter.upper, count)[1:-1].tolist())
-    return _POSITIVE if parameter.lower >= 0 else (0.0,)
-
-
-def _with_best_lengths(
-    kind: type[Lens], ratios: tuple[float, ...], theta: FloatArray, radius: FloatArray
-) -> Lens | None:
-    """The lens with the given ratios whose lengths, which r(theta) is linear in, fit best; None where there is none."""
-    is_length = [p.is_length for p in kind.parameters]
-    values = np.ones(len(is_length))
-    values[[not length for length in is_length]] = ratios
-    build: Callable[..., Lens] = kind
-    try:
-        shapes = build(*values.tolist()).radius_by_parameter(theta)[:, is_length]
-        if not np.isfinite(shapes).all():
-            return None
-        values[is_length] = np.linalg.lstsq(shapes, radius, rcond=1e-9)[0]
-        return build(*values.tolist())
-    except CameraError:
-        return None

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from fullsphere.model.calibration import reduction
 from fullsphere.model.calibration import solve as solving
-from fullsphere.model.calibration.initial import fitted_lenses, linear_poses
+from fullsphere.model.calibration.lens_fit import fitted_lenses
+from fullsphere.model.calibration.linear_pose import linear_poses
 from fullsphere.model.calibration.points import Poses, Sightings
 from fullsphere.model.calibration.solve import descend, solve
 from fullsphere.model.errors import GeometryError
