@@ -110,12 +110,11 @@ def find_starts(
 def _sampled(sightings: Sightings) -> Sightings:
     """At most `_SAMPLE` points of each view, taken at random (always the same): every k-th might be one line."""
     rng = np.random.default_rng(0)
-    rows: list[NDArray[np.intp]] = []
+    chosen = np.zeros(sightings.count, bool)
     for part in sightings.split(np.arange(sightings.count)):
         places = part.astype(np.intp)
-        rows.append(places if len(places) <= _SAMPLE else np.sort(rng.choice(places, _SAMPLE, replace=False)))
-    chosen = np.concatenate(rows)
-    return Sightings(sightings.images, sightings.points[chosen], sightings.pixels[chosen], sightings.view[chosen])
+        chosen[places if len(places) <= _SAMPLE else rng.choice(places, _SAMPLE, replace=False)] = True
+    return sightings.only(chosen)
 
 
 def _candidates(sightings: Sightings, size: tuple[int, int], centres: list[tuple[float, float]]) -> Iterator[Camera]:

@@ -50,15 +50,18 @@ def best_camera(
     columns
         Those of `camera.values` that are free.
     small
-        (S + 1, S + 1) rows over [curve | centre, aspect | residual].
+        (S + 1, S + 1) rows over [curve | centre, aspect | others | residual]; others are linear unknowns that are no
+        values of the camera.
     little
         The search ends with no more than this to gain in the squared rows.
 
     Returns
     -------
-    The best camera, and its step (S,) of curve, centre and aspect.
+    The best camera, and the step (S,) of curve, centre, aspect and others.
     """
-    at = _Trial.of(camera, camera, small)
+    others = small.shape[1] - 1 - _TERMS - FRAME
+    at = _Trial.of(camera, camera, small, np.zeros(others))
+    columns = np.concatenate([columns, camera.values.size + np.arange(others)])
     damping, lift, scale = _FIRST_DAMPING, 2.0, np.zeros(columns.size)
     for _ in range(_STEPS if columns.size else 0):
         slopes = at.slopes[:, columns]
@@ -88,17 +91,17 @@ class _Trial(NamedTuple):
     camera: Camera
     step: FloatArray  # (S,)
     residuals: FloatArray  # (S + 1,)
-    slopes: FloatArray  # (S + 1, P)
+    slopes: FloatArray  # (S + 1, P + others)
 
     @property
     def cost(self) -> float:
         return float(np.sum(self.residuals**2))
 
     @classmethod
-    def of(cls, camera: Camera, present: Camera, small: FloatArray) -> _Trial:
+    def of(cls, camera: Camera, present: Camera, small: FloatArray, others: FloatArray) -> _Trial:
         nodes = _NODES * present.half_fov
         curve = _FROM_NODES @ (camera.lens.radius(nodes) - present.lens.radius(nodes))
-        step = np.concatenate([curve, camera.values[-FRAME:] - present.values[-FRAME:]])
+        step = np.concatenate([curve, camera.values[-FRAME:] - present.values[-FRAME:], others])
         by_curve = small[:, :_TERMS] @ (_FROM_NODES @ camera.lens.radius_by_parameter(nodes))
         slopes = np.concatenate([by_curve, small[:, _TERMS:-1]], 1)
         residuals = small[:, :-1] @ step + small[:, -1]
@@ -109,9 +112,9 @@ def _moved(
     at: _Trial, columns: NDArray[np.intp], step: FloatArray, present: Camera, small: FloatArray
 ) -> _Trial | None:
     """The trial a step further; None where the values are no camera."""
-    values = at.camera.values
+    count, values = at.camera.values.size, np.concatenate([at.camera.values, at.step[_TERMS + FRAME :]])
     values[columns] += step
     try:
-        return _Trial.of(at.camera.with_values(values), present, small)
+        return _Trial.of(at.camera.with_values(values[:count]), present, small, values[count:])
     except CameraError:
         return None

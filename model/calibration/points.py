@@ -104,6 +104,10 @@ class Sightings:
         """Number of points, over all views."""
         return len(self.pixels)
 
+    def only(self, chosen: NDArray[np.bool_]) -> Sightings:
+        """The points marked in `chosen` (N,); every view must keep one."""
+        return Sightings(self.images, self.points[chosen], self.pixels[chosen], self.view[chosen])
+
     def rays(self, poses: Poses) -> FloatArray:
         """The points in the camera frames of their views, (N, 3)."""
         turned = np.einsum("nij,nj->ni", poses.camera_from_target[self.view], self.points)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fullsphere.model.calibration import reduction
+from fullsphere.model.calibration.bow import bow_shapes
 from fullsphere.model.calibration.lens_step import FRAME, best_camera, odd_polynomials
 from fullsphere.model.calibration.points import Poses, Sightings
 from fullsphere.model.calibration.reduction import POSE
@@ -41,10 +42,12 @@ class Solution:
     ----------
     camera, poses
         The values reached.
+    bow
+        (2,) values of the board's bow (see `bow`), or none.
     residuals
         (N, 2) predicted minus observed, pixels.
     triangle
-        (F, F) upper triangular; triangle.T @ triangle is the information on the F free camera values, poses
+        (F, F) upper triangular; triangle.T @ triangle is the information on the F free camera values, poses and bow
         marginalised, for a residual variance of 1.
     converged, iterations
         Whether nothing was left to gain, and after how many linearisations.
@@ -52,6 +55,7 @@ class Solution:
 
     camera: Camera
     poses: Poses
+    bow: FloatArray
     residuals: FloatArray
     triangle: FloatArray
     converged: bool
@@ -63,7 +67,13 @@ class Solution:
         return math.sqrt(float(np.mean(np.sum(self.residuals**2, -1))))
 
 
-def solve(sightings: Sightings, camera: Camera, poses: Poses, free: Sequence[str] | None = None) -> Solution:
+def solve(
+    sightings: Sightings,
+    camera: Camera,
+    poses: Poses,
+    free: Sequence[str] | None = None,
+    bow: FloatArray | None = None,
+) -> Solution:
     """Minimise the squared reprojection error; as `descend`, but an end short of the minimum is an error.
 
     Raises
@@ -72,7 +82,7 @@ def solve(sightings: Sightings, camera: Camera, poses: Poses, free: Sequence[str
         If there are fewer measurements than unknowns, the start leaves the lens's domain, or the descent does not
         converge; the message says what was reached.
     """
-    solution = descend(sightings, camera, poses, free)
+    solution = descend(sightings, camera, poses, free, bow=bow)
     if not solution.converged:
         raise GeometryError(
             f"calibration: the {camera.lens.projection} lens did not converge; {solution.iterations} steps reached "
@@ -82,7 +92,12 @@ def solve(sightings: Sightings, camera: Camera, poses: Poses, free: Sequence[str
 
 
 def descend(
-    sightings: Sightings, camera: Camera, poses: Poses, free: Sequence[str] | None = None, max_iterations: int = 100
+    sightings: Sightings,
+    camera: Camera,
+    poses: Poses,
+    free: Sequence[str] | None = None,
+    max_iterations: int = 100,
+    bow: FloatArray | None = None,
 ) -> Solution:
     """Levenberg-Marquardt from the given camera and poses.
 
@@ -99,23 +114,28 @@ def descend(
         Those of `camera.parameter_names` that may change; None frees all.  Poses are always free.
     max_iterations
         Linearisations after which the descent ends, converged or not.
+    bow
+        Start (2,) of the board's bow, which is then free; None for a flat board or a target in space.
 
     Raises
     ------
     GeometryError
-        If there are fewer measurements than unknowns, or the start leaves the lens's domain.
+        If there are fewer measurements than unknowns, the start leaves the lens's domain, or a target in space is to
+        have a bow.
     """
     columns = np.array([i for i, name in enumerate(camera.parameter_names) if free is None or name in free], np.intp)
-    unknowns = columns.size + POSE * len(sightings.images)
+    bowed = np.zeros(0) if bow is None else np.asarray(bow, float)
+    unknowns = columns.size + POSE * len(sightings.images) + bowed.size
     if 2 * sightings.count <= unknowns:
         raise GeometryError(
             f"calibration: {sightings.count} points give {2 * sightings.count} measurements for {unknowns} unknowns; "
             "more points are needed"
         )
     centroids = np.array([part.mean(0) for part in sightings.split(sightings.points)])
-    problem = _Problem(sightings, sightings.points - centroids[sightings.view], columns)
+    shapes = np.zeros((sightings.count, 0)) if bow is None else bow_shapes(sightings.points)
+    problem = _Problem(sightings, sightings.points - centroids[sightings.view], shapes, columns)
     arm = np.einsum("vij,vj->vi", poses.camera_from_target, centroids) + poses.translation
-    first = problem.linearised(_State(camera, poses.camera_from_target, arm))
+    first = problem.linearised(_State(camera, poses.camera_from_target, arm, bowed))
     if first is None:
         raise GeometryError(
             f"calibration: points stand outside the domain of the {camera.lens.projection} lens at the start; "
@@ -127,6 +147,7 @@ def descend(
     return Solution(
         state.camera,
         Poses(state.rotation, translation),
+        state.bow,
         reached.residuals,
         problem.information(reached),
         converged,
@@ -143,16 +164,18 @@ class _State(NamedTuple):
     camera: Camera
     rotation: FloatArray
     arm: FloatArray
+    bow: FloatArray
 
 
 class _Linear(NamedTuple):
-    """A linearisation: triangles (V, K, K) over [pose | curve | centre, aspect | residual], and their making."""
+    """A linearisation: triangles (V, K, K) over [pose | curve | centre, aspect | bow | residual], and their making."""
 
     state: _State
     triangles: FloatArray
     residuals: FloatArray
     of_pose: FloatArray  # (N, 2, 6)
     of_camera: FloatArray  # (N, 2, P)
+    of_bow: FloatArray  # (N, 2, 0 or 2)
 
     @property
     def cost(self) -> float:
@@ -162,6 +185,7 @@ class _Linear(NamedTuple):
 class _Problem(NamedTuple):
     sightings: Sightings
     centred: FloatArray  # points (N, 3) from the centroid of their view
+    shapes: FloatArray  # (N, 0 or 2) along the target's z, per value of the bow
     columns: NDArray[np.intp]  # of the camera's values, those that are free
 
     def descend(self, linear: _Linear, max_iterations: int, freedom: int) -> tuple[_Linear, bool, int]:
@@ -180,7 +204,8 @@ class _Problem(NamedTuple):
                 return linear, True, iteration
             turn = Rotation.from_rotvec(of_poses[:, :3]).as_matrix()
             state = linear.state
-            following = self.linearised(_State(camera, turn @ state.rotation, state.arm + of_poses[:, 3:]))
+            bow = state.bow + shared[shared.size - state.bow.size :]
+            following = self.linearised(_State(camera, turn @ state.rotation, state.arm + of_poses[:, 3:], bow))
             if following is None or following.cost >= linear.cost:
                 if little or damping > _MOST_DAMPING:  # rounding hides what may be left
                     return linear, little, iteration
@@ -197,7 +222,10 @@ class _Problem(NamedTuple):
 
     def linearised(self, state: _State) -> _Linear | None:
         """The state, its camera seeing just far enough, linearised; None where the lens does not reach a point."""
-        turned = np.einsum("nij,nj->ni", state.rotation[self.sightings.view], self.centred)
+        rotation = state.rotation[self.sightings.view]
+        turned = (
+            np.einsum("nij,nj->ni", rotation, self.centred) + rotation[:, :, 2] * (self.shapes @ state.bow)[:, None]
+        )
         rays = turned + state.arm[self.sightings.view]
         across = np.hypot(rays[:, 0], rays[:, 1])
         theta = np.arctan2(across, rays[:, 2])
@@ -210,17 +238,19 @@ class _Problem(NamedTuple):
         of_pose = np.concatenate([np.cross(turned[:, None, :], by_ray), by_ray], -1)
         outward = rays[:, :2] / np.maximum(across, 1e-300)[:, None] * [1.0, camera.aspect]
         of_curve = outward[:, :, None] * odd_polynomials(theta / theta.max())[:, None, :]
-        rows = np.concatenate([of_pose, of_curve, of_camera[..., -FRAME:], residuals[..., None]], -1)
+        of_bow = np.einsum("nij,nj->ni", by_ray, rotation[:, :, 2])[:, :, None] * self.shapes[:, None, :]
+        rows = np.concatenate([of_pose, of_curve, of_camera[..., -FRAME:], of_bow, residuals[..., None]], -1)
         if not np.isfinite(rows).all():
             return None
         triangles = reduction.triangles_by_view(rows, self.sightings.view, len(self.sightings.images))
-        return _Linear(state._replace(camera=camera), triangles, residuals, of_pose, of_camera)
+        return _Linear(state._replace(camera=camera), triangles, residuals, of_pose, of_camera, of_bow)
 
     def information(self, linear: _Linear) -> FloatArray:
-        """The triangle (F, F) of the free camera values, poses marginalised."""
-        rows = np.concatenate([linear.of_pose, linear.of_camera[..., self.columns]], -1)
+        """The triangle (F, F) of the free camera values, poses and bow marginalised."""
+        rows = np.concatenate([linear.of_pose, linear.of_bow, linear.of_camera[..., self.columns]], -1)
         triangles = reduction.triangles_by_view(rows, self.sightings.view, len(self.sightings.images))
-        return reduction.triangle(triangles[:, POSE:, POSE:].reshape(-1, self.columns.size))
+        bow = self.shapes.shape[1]
+        return reduction.triangle(triangles[:, POSE:, POSE:].reshape(-1, bow + self.columns.size))[bow:, bow:]
 
 
 def _reaching(camera: Camera, angle: float) -> Camera | None:

@@ -87,7 +87,7 @@ def test_an_end_short_of_the_minimum_is_an_error_that_says_what_was_reached(
 ) -> None:
     world = photographer.box_world(6, noise_px=0.3)
     far = dataclasses.replace(world.camera, lens=Equisolid(300.0))
-    monkeypatch.setattr(solving.descend, "__defaults__", (None, 2))
+    monkeypatch.setattr(solving.descend, "__defaults__", (None, 2, None))
     with pytest.raises(GeometryError, match=r"2 steps reached rms [0-9.]+ px"):
         solve(Sightings.of(world.views), far, world.poses)
 
