@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fullsphere.model.calibration.board import Placement
-from fullsphere.model.calibration.targets import CharucoBoard, marker_dictionary
+from fullsphere.model.calibration.boards import CharucoBoard, marker_dictionary
 from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.world_panels import Light, Panel, PanelScene
 

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fullsphere.model.calibration.boards import CharucoBoard, marker_dictionary, one_dictionary
 from fullsphere.model.calibration.saddle import Saddles, fit_saddles
-from fullsphere.model.calibration.targets import CharucoBoard, marker_dictionary, one_dictionary
 from fullsphere.model.colour import linear_from_encoded
 from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import FloatArray

@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from fullsphere.model.calibration.boards import CharucoBoard
 from fullsphere.model.calibration.detect import find_charuco_corners
-from fullsphere.model.calibration.targets import CharucoBoard
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import BaksteinPajdla

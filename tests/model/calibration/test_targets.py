@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fullsphere.model.calibration.board import Placement
-from fullsphere.model.calibration.targets import CharucoBoard, marker_dictionary, one_dictionary
+from fullsphere.model.calibration.boards import CharucoBoard, marker_dictionary, one_dictionary
 from fullsphere.model.errors import UsageError
 
 
