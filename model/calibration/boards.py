@@ -6,6 +6,7 @@ All lengths are in millimetres on the paper, x to the viewer's right and y down;
 from __future__ import annotations
 
 import dataclasses
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
 
@@ -84,12 +85,19 @@ class CharucoBoard(CodedBoard):
             raise UsageError(f"board: {self.squares_x} x {self.squares_y} squares have no inner corner")
         if not 0 < self.marker_mm < self.square_mm < _MOST_MM:
             raise UsageError(f"board: a marker of {self.marker_mm} mm does not fit a square of {self.square_mm} mm")
+        if self.squares_x * self.square_mm > 2 * math.pi * self.placement.radius_mm * (1 + 1e-9):
+            raise UsageError(f"board: its rows are longer than a tube of radius {self.placement.radius_mm} mm is round")
         self._demand_ids()
 
     @property
     def marker_count(self) -> int:
         """Markers on the board: one in each white square."""
         return self.squares_x * self.squares_y // 2
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the board is rolled into a whole tube: the last square of a row meets the first."""
+        return self.squares_x * self.square_mm > 2 * math.pi * self.placement.radius_mm * (1 - 1e-9)
 
     @property
     def corner_count(self) -> int:
@@ -106,13 +114,17 @@ class CharucoBoard(CodedBoard):
         return (_grid(self.squares_x - 1, self.squares_y - 1) + 1.0) * self.square_mm
 
     def artwork(self) -> Artwork:
-        """Black squares, and the black modules of the markers in the white ones, with a margin of half a square."""
+        """Black squares, and the black modules of the markers in the white ones, with a margin of half a square.
+
+        A whole tube has no margin where its ends meet.
+        """
         shapes = _chess_squares(self.squares_x, self.squares_y, self.square_mm)
         gap = (self.square_mm - self.marker_mm) / 2
         for number, square in enumerate(self.marker_squares(), self.first_id):
             black = ~marker_modules(self.dictionary, number)
             shapes += _rectangles(black, square * self.square_mm + gap, self.marker_mm / len(black))
-        return _framed(shapes, np.array([self.squares_x, self.squares_y]) * self.square_mm, self.square_mm / 2)
+        margin = np.array([0.0 if self.is_closed else 0.5, 0.5]) * self.square_mm
+        return _framed(shapes, np.array([self.squares_x, self.squares_y]) * self.square_mm, margin)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -120,6 +132,7 @@ class Chessboard(Board):
     """A plain chessboard with a black first square, counted by its inner corners as OpenCV does.
 
     The board's frame is that of `CharucoBoard`: origin at the outer corner of the first square, x along the first row.
+    OpenCV's detectors may begin at the other end: its `findChessboardCornersSB` at a white corner where there is one.
 
     Attributes
     ----------
@@ -153,7 +166,8 @@ class Chessboard(Board):
     def artwork(self) -> Artwork:
         """Black squares, with a margin of one square, which OpenCV's detectors need."""
         shapes = _chess_squares(self.columns + 1, self.rows + 1, self.square_mm)
-        return _framed(shapes, np.array([self.columns + 1, self.rows + 1]) * self.square_mm, self.square_mm)
+        margin = np.full(2, self.square_mm)
+        return _framed(shapes, np.array([self.columns + 1, self.rows + 1]) * self.square_mm, margin)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -341,9 +355,11 @@ def _grid(columns: int, rows: int) -> FloatArray:
     return np.stack([column, row], -1).astype(float)
 
 
-def _framed(shapes: Sequence[FloatArray], size: FloatArray, margin: float) -> Artwork:
-    width, height = size
-    return Artwork((-margin, -margin), (float(width + margin), float(height + margin)), tuple(shapes))
+def _framed(shapes: Sequence[FloatArray], size: FloatArray, margin: FloatArray) -> Artwork:
+    """Shapes on a pattern of that size (2,) from the origin, with a margin (2,) on both sides."""
+    left, top = (0.0 - margin).tolist()
+    right, bottom = (size + margin).tolist()
+    return Artwork((left, top), (right, bottom), tuple(shapes))
 
 
 def _chess_squares(squares_x: int, squares_y: int, side: float) -> list[FloatArray]:
