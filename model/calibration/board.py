@@ -5,9 +5,10 @@ from __future__ import annotations
 import dataclasses
 import math
 from abc import ABC, abstractmethod
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import FloatArray
@@ -105,3 +106,10 @@ class Board(ABC):
     def marks_on_target(self) -> FloatArray:
         """The marks (n, 3) in the target's frame, mm, in the order of `marks_on_paper`."""
         return self.placement.lift(self.marks_on_paper())
+
+
+class MarksFound(NamedTuple):
+    """Marks of one board in a picture: their numbers (n,) on the board, ascending and unique, and pixels (n, 2)."""
+
+    marks: NDArray[np.intp]
+    pixels: FloatArray
