@@ -32,7 +32,7 @@ _STYLE: dict[Any, Any] = {
 }
 _CHECK_MM = 100.0
 _TEXT_PT, _LINE_MM = 7.5, 4.0
-_LETTER_WIDTH = 0.62  # of the font's size, on average
+_LETTER_WIDTH = 0.56  # of the font's size, on average
 _HAIR_MM, _GREY = 0.1, "0.5"
 
 
@@ -172,5 +172,5 @@ def _line(
     x, y = zip(*points, strict=True)
     line = Line2D(x, y, color="black" if dark else _GREY, linewidth=_HAIR_MM * _POINTS_PER_MM, transform=page)
     if dashed:
-        line.set_dashes((8, 6))
+        line.set_dashes((20, 15))  # widths of the line
     figure.add_artist(line)

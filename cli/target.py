@@ -64,9 +64,8 @@ def run(args: argparse.Namespace) -> int:
     target = parse_target(args.target)
     figures = _figures(target, paper_size(args.paper) if args.paper else None)
     outputs = _outputs(args.output, len(figures))
-    inputs = [Path(args.target)] if target.name.endswith(".json") or Path(args.target).is_file() else []
     for path in (outputs.pdf, *outputs.svg, outputs.json):
-        check_output(path, args.overwrite, inputs)
+        check_output(path, args.overwrite, [Path(args.target)])
     _write(outputs.pdf, as_pdf(figures, describe(target.boards[0])), args.overwrite)
     for path, figure in zip(outputs.svg, figures, strict=True):
         _write(path, as_svg(figure), args.overwrite)
@@ -151,7 +150,11 @@ def _seam(board: Board, artwork: Artwork) -> float | None:
 
 def _outputs(name: str, sheets: int) -> _Outputs:
     """The files to write, from a name with or without one of their endings."""
+    from fullsphere.model.errors import UsageError
+
     path = Path(name)
+    if not path.name:
+        raise UsageError(f"--output {name!r}: is no name for files")
     stem = path.stem if path.suffix.lower() in (".pdf", ".svg", ".json") else path.name
     numbers = [""] if sheets == 1 else [f"-{number}" for number in range(1, sheets + 1)]
     svg = [path.with_name(f"{stem}{number}.svg") for number in numbers]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.calibration.board import Artwork, Board, Placement
+from fullsphere.model.calibration.shapes import chess_squares, framed, grid, rectangle, rectangles
 from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import FloatArray
 
@@ -111,20 +112,20 @@ class CharucoBoard(CodedBoard):
 
     def marks_on_paper(self) -> FloatArray:
         """Inner corners (corner_count, 2), row by row."""
-        return (_grid(self.squares_x - 1, self.squares_y - 1) + 1.0) * self.square_mm
+        return (grid(self.squares_x - 1, self.squares_y - 1) + 1.0) * self.square_mm
 
     def artwork(self) -> Artwork:
         """Black squares, and the black modules of the markers in the white ones, with a margin of half a square.
 
         A whole tube has no margin where its ends meet.
         """
-        shapes = _chess_squares(self.squares_x, self.squares_y, self.square_mm)
+        shapes = chess_squares(self.squares_x, self.squares_y, self.square_mm)
         gap = (self.square_mm - self.marker_mm) / 2
         for number, square in enumerate(self.marker_squares(), self.first_id):
             black = ~marker_modules(self.dictionary, number)
-            shapes += _rectangles(black, square * self.square_mm + gap, self.marker_mm / len(black))
+            shapes += rectangles(black, square * self.square_mm + gap, self.marker_mm / len(black))
         margin = np.array([0.0 if self.is_closed else 0.5, 0.5]) * self.square_mm
-        return _framed(shapes, np.array([self.squares_x, self.squares_y]) * self.square_mm, margin)
+        return framed(shapes, np.array([self.squares_x, self.squares_y]) * self.square_mm, margin)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -161,13 +162,13 @@ class Chessboard(Board):
 
     def marks_on_paper(self) -> FloatArray:
         """Inner corners (columns * rows, 2), row by row."""
-        return (_grid(self.columns, self.rows) + 1.0) * self.square_mm
+        return (grid(self.columns, self.rows) + 1.0) * self.square_mm
 
     def artwork(self) -> Artwork:
         """Black squares, with a margin of one square, which OpenCV's detectors need."""
-        shapes = _chess_squares(self.columns + 1, self.rows + 1, self.square_mm)
+        shapes = chess_squares(self.columns + 1, self.rows + 1, self.square_mm)
         margin = np.full(2, self.square_mm)
-        return _framed(shapes, np.array([self.columns + 1, self.rows + 1]) * self.square_mm, margin)
+        return framed(shapes, np.array([self.columns + 1, self.rows + 1]) * self.square_mm, margin)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -215,7 +216,7 @@ class CirclesGrid(Board):
 
     def marks_on_paper(self) -> FloatArray:
         """Centres of the discs (columns * rows, 2), row by row."""
-        column, row = _grid(self.columns, self.rows).T
+        column, row = grid(self.columns, self.rows).T
         if self.asymmetric:
             column = 2 * column + row % 2
         return np.stack([column, row], -1) * self.spacing_mm
@@ -292,18 +293,18 @@ class AprilGrid(CodedBoard):
     def artwork(self) -> Artwork:
         """The tags' black modules and the squares between them, with a margin as wide as a gap."""
         gap, pitch = self.spacing * self.tag_mm, (1 + self.spacing) * self.tag_mm
-        crossings = _grid(self.columns + 1, self.rows + 1) * [pitch, -pitch] - [gap, 0]
-        shapes = [_rectangle(crossing, gap, gap) for crossing in crossings]
+        crossings = grid(self.columns + 1, self.rows + 1) * [pitch, -pitch] - [gap, 0]
+        shapes = [rectangle(crossing, gap, gap) for crossing in crossings]
         for number, (x, y) in enumerate(self._lower_left(), self.first_id):
             black = np.rot90(~marker_modules(self.dictionary, number, self.border_modules), 2)
-            shapes += _rectangles(black, np.array([x, y - self.tag_mm]), self.tag_mm / len(black))
+            shapes += rectangles(black, np.array([x, y - self.tag_mm]), self.tag_mm / len(black))
         width, height = self.columns * pitch, self.rows * pitch
         return Artwork((-2 * gap, -height - gap), (width + gap, 2 * gap), tuple(shapes))
 
     def _lower_left(self) -> FloatArray:
         """The lower left corner (marker_count, 2) of each tag."""
         pitch = (1 + self.spacing) * self.tag_mm
-        return _grid(self.columns, self.rows) * [pitch, -pitch]
+        return grid(self.columns, self.rows) * [pitch, -pitch]
 
 
 def marker_dictionary(name: str) -> cv2.aruco.Dictionary:
@@ -347,40 +348,3 @@ def _demand_count(columns: int, rows: int, least: int, what: str) -> None:
 def _demand_length(length_mm: float, what: str) -> None:
     if not 0 < length_mm < _MOST_MM:
         raise UsageError(f"board: a {what} of {length_mm:g} mm is none")
-
-
-def _grid(columns: int, rows: int) -> FloatArray:
-    """Column and row (columns * rows, 2) of every place of a grid, row by row."""
-    row, column = np.indices((rows, columns)).reshape(2, -1)
-    return np.stack([column, row], -1).astype(float)
-
-
-def _framed(shapes: Sequence[FloatArray], size: FloatArray, margin: FloatArray) -> Artwork:
-    """Shapes on a pattern of that size (2,) from the origin, with a margin (2,) on both sides."""
-    left, top = (0.0 - margin).tolist()
-    right, bottom = (size + margin).tolist()
-    return Artwork((left, top), (right, bottom), tuple(shapes))
-
-
-def _chess_squares(squares_x: int, squares_y: int, side: float) -> list[FloatArray]:
-    places = _grid(squares_x, squares_y)
-    return [_rectangle(place, side, side) for place in places[places.sum(1) % 2 == 0] * side]
-
-
-def _rectangle(corner: FloatArray, width: float, height: float) -> FloatArray:
-    return np.asarray(corner + np.array([[0, 0], [width, 0], [width, height], [0, height]]), float)
-
-
-def _rectangles(black: NDArray[np.bool_], corner: FloatArray, module: float) -> list[FloatArray]:
-    """The black modules (h, w) as few rectangles: runs along rows, joined with equal runs of the next rows."""
-    first: dict[tuple[int, int], int] = {}  # start and end of a run -> the row where its rectangle began
-    shapes = []
-    for row in range(len(black) + 1):
-        edges = np.flatnonzero(np.diff(np.pad(black[row], 1).astype(int))) if row < len(black) else np.zeros(0, int)
-        runs = {(int(start), int(end)) for start, end in edges.reshape(-1, 2)}
-        for start, end in sorted(first.keys() - runs):
-            top = first.pop((start, end))
-            place = corner + module * np.array([start, top])
-            shapes.append(_rectangle(place, module * (end - start), module * (row - top)))
-        first |= dict.fromkeys(runs - first.keys(), row)
-    return shapes

@@ -5,6 +5,7 @@ Like a camera.json, a target.json is read strictly: what is unknown, missing or 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Mapping
@@ -45,8 +46,9 @@ def parse_target(text: str) -> Target:
     if is_target_text(text):
         return target_from_text(text)
     path = Path(text)
-    if path.suffix.lower() == ".json" or path.is_file():
-        return load_target(path)
+    with contextlib.suppress(OSError):  # a name that is too long for a file is none
+        if path.suffix.lower() == ".json" or path.is_file():
+            return load_target(path)
     raise UsageError(f"target {text!r}: is neither a target.json nor one of {', '.join(FORMS)}")
 
 

@@ -160,6 +160,11 @@ def test_wrong_words_are_usage_errors(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("name", ["", ".", "/"])
+def test_a_name_is_needed(name: str) -> None:
+    assert main(["target", "chessboard:6x8:30mm", "-o", name]) == 2
+
+
 def test_help_is_light() -> None:
     import subprocess
     import sys

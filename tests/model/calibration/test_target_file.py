@@ -58,6 +58,7 @@ def test_texts_name_cylinders() -> None:
         ("chessbord:6x8:117mm", FORMS[0]),
         ("", FORMS[-1]),
         ("nowhere", FORMS[1]),
+        ("x" * 5000, FORMS[1]),
         ("chessboard:6x8", FORMS[0]),
         ("chessboard:6x8:117mm:3", FORMS[0]),
         ("chessboard:6x8:117", "117mm"),
