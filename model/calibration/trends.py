@@ -82,9 +82,7 @@ class Harmonic(NamedTuple):
 
 def trends(calibration: Calibration) -> tuple[tuple[Trend, ...], tuple[Harmonic, ...]]:
     """Radial and tangential residual against theta, both against phi; and their first two waves round the axis."""
-    points = observed(calibration)
-    camera, every = reaching(calibration.camera, points.theta), np.ones(len(points.theta), bool)
-    fit = influence(camera, points.rays, points.view, every, points.bow)
+    points, fit = _fit(calibration)
     found = [
         _trend(points, fit, calibration.sigma_px, part, against) for against in ("theta", "phi") for part in _PARTS
     ]
@@ -94,7 +92,13 @@ def trends(calibration: Calibration) -> tuple[tuple[Trend, ...], tuple[Harmonic,
 
 def radial_trend(calibration: Calibration) -> Trend:
     """The radial residual against theta: what the lens's formula cannot follow."""
-    return trends(calibration)[0][0]
+    return _trend(*_fit(calibration), calibration.sigma_px, "radial", "theta")
+
+
+def _fit(calibration: Calibration) -> tuple[Observed, Influence]:
+    points = observed(calibration)
+    camera, every = reaching(calibration.camera, points.theta), np.ones(len(points.theta), bool)
+    return points, influence(camera, points.rays, points.view, every, points.bow)
 
 
 def _trend(points: Observed, fit: Influence, sigma: float, part: str, against: str) -> Trend:
