@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from fullsphere.model.calibration.calibrate import Calibration
 from fullsphere.model.calibration.coverage import Coverage, coverage
+from fullsphere.model.calibration.observability import Weakest, weakest
+from fullsphere.model.calibration.observed import observed, reaching
 from fullsphere.model.calibration.ray_errors import RaySigma, ray_sigma_map
 from fullsphere.model.calibration.trends import Harmonic, Trend, trends
 from fullsphere.model.calibration.verification import Verification, verify
@@ -20,6 +22,7 @@ from fullsphere.model.lens import FloatArray
 _WORSE = 1.1  # times the expected rms of points not fitted, that is worth a sentence
 _CHANCE = 1e-3  # a probability that is no chance any more
 _NOTICEABLE = 0.25  # of the standard deviation of a coordinate: a systematic part worth a sentence
+_LOOSE = 50.0  # times less visible together than one by one: unknowns that trade against each other
 _ODD_VIEW = 2.0  # times the rms of all views
 
 
@@ -69,6 +72,8 @@ class Assessment:
         Standard deviation of ray directions over the picture.
     points, views
         Errors by point of the target and by view.
+    weakest
+        The combination of lens and poses that the points determine worst.
     flags
         What a reader should know before trusting the calibration, in whole sentences.
     """
@@ -82,6 +87,7 @@ class Assessment:
     ray_sigma: RaySigma
     points: PointErrors
     views: tuple[ViewErrors, ...]
+    weakest: Weakest
     flags: tuple[str, ...]
 
 
@@ -93,7 +99,8 @@ def assess(calibration: Calibration) -> Assessment:
     except GeometryError as error:
         missing = str(error)
     found, harmonics = trends(calibration)
-    covered = coverage(calibration)
+    covered, points = coverage(calibration), observed(calibration)
+    loose = weakest(reaching(calibration.camera, points.theta), points.rays, points.view)
     return Assessment(
         calibration,
         verification,
@@ -104,7 +111,8 @@ def assess(calibration: Calibration) -> Assessment:
         ray_sigma_map(calibration),
         point_errors(calibration),
         view_errors(calibration),
-        (*covered.flags, *_flags(calibration, verification, missing, found)),
+        loose,
+        (*covered.flags, *_flags(calibration, verification, missing, found, loose)),
     )
 
 
@@ -135,9 +143,9 @@ def view_errors(calibration: Calibration) -> tuple[ViewErrors, ...]:
 
 
 def _flags(
-    calibration: Calibration, verification: Verification | None, missing: str, found: tuple[Trend, ...]
+    calibration: Calibration, verification: Verification | None, missing: str, found: tuple[Trend, ...], loose: Weakest
 ) -> list[str]:
-    flags: list[str] = []
+    flags = [f"{loose.text[0].upper()}{loose.text[1:]}."] if loose.hidden > _LOOSE else []
     if verification is None:
         flags.append(f"Not verified on points of its own: {missing}.")
     elif verification.verify_rms_px > _WORSE * verification.expected_verify_rms_px:

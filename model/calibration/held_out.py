@@ -34,12 +34,13 @@ _RINGS, _SECTORS = 3, 8  # blocks that one view is cut into
 class Judged(NamedTuple):
     """The points that all lenses are judged by.
 
-    `views`, with rejected points taken out; `fold` (N,) in which a point is held out; `unit` (N,) of points whose
-    errors belong together when chance is judged: their view, or a block of it where views are few; `by_point`, whether
-    points of one view are held out instead of views.
+    `views`, with rejected points taken out, and the `given` ones that they come from; `fold` (N,) in which a point is
+    held out; `unit` (N,) of points whose errors belong together when chance is judged: their view, or a block of it
+    where views are few; `by_point`, whether points of one view are held out instead of views.
     """
 
     views: tuple[View, ...]
+    given: tuple[View, ...]
     fold: NDArray[np.intp]
     unit: NDArray[np.intp]
     by_point: bool
@@ -68,29 +69,26 @@ def judged_points(views: Sequence[View], calibrations: Sequence[Calibration], fo
     """
     least = min(calibration.sigma_px for calibration in calibrations)
     kept = [np.zeros(len(view.pixels), bool) for view in views]
-    place = {id(view): number for number, view in enumerate(views)}
     for calibration in calibrations:
         if calibration.sigma_px <= _SOUND * least:
+            numbered = enumerate(views)  # those of a calibration are a part of these, in their order
             for view, used in zip(calibration.views, calibration.used, strict=True):
-                kept[place[id(view)]] |= used
+                kept[next(number for number, given in numbered if given is view)] |= used
+    enough = [number for number, good in enumerate(kept) if np.count_nonzero(good) >= _FEWEST]
+    given = tuple(views[number] for number in enough)
     chosen = tuple(
-        View(view.image, view.points_on_target[good], view.pixels[good])
-        for view, good in zip(views, kept, strict=True)
-        if np.count_nonzero(good) >= _FEWEST
+        View(view.image, view.points_on_target[kept[number]], view.pixels[kept[number]])
+        for view, number in zip(given, enough, strict=True)
     )
     if not chosen or (len(chosen) == 1 and len(chosen[0].pixels) < 2 * _FEWEST):
         raise GeometryError(f"selection: lenses are compared by points held out, and {2 * _FEWEST} or more are needed")
     counts = [len(view.pixels) for view in chosen]
     owner = np.repeat(np.arange(len(chosen)), counts)
     if len(chosen) == 1:
-        halves = np.arange(counts[0]) % 2
-        return Judged(chosen, np.random.default_rng(0).permutation(halves), _blocks(chosen[0].pixels), True)
-    fold = owner % min(folds, len(chosen))
-    if len(chosen) >= folds:
-        return Judged(chosen, fold, owner, False)
-    return Judged(
-        chosen, fold, np.concatenate([_blocks(v.pixels) + k * _RINGS * _SECTORS for k, v in enumerate(chosen)]), False
-    )
+        halves = np.random.default_rng(0).permutation(np.arange(counts[0]) % 2)
+        return Judged(chosen, given, halves, _blocks(chosen[0].pixels), True)
+    blocks = np.concatenate([_blocks(v.pixels) + k * _RINGS * _SECTORS for k, v in enumerate(chosen)])
+    return Judged(chosen, given, owner % min(folds, len(chosen)), owner if len(chosen) >= folds else blocks, False)
 
 
 def held_out_residuals(judged: Judged, calibration: Calibration) -> FloatArray:
@@ -103,7 +101,7 @@ def held_out_residuals(judged: Judged, calibration: Calibration) -> FloatArray:
     """
     whole = Sightings.of(judged.views)
     shapes = np.zeros((whole.count, 0)) if calibration.bow_mm is None else bow_shapes(whole.points)
-    poses = _poses(judged.views, whole, calibration)
+    poses = _poses(judged.given, whole, calibration)
     residuals = np.empty((whole.count, 2))
     for fold in range(int(judged.fold.max()) + 1):
         out = judged.fold == fold
@@ -129,14 +127,14 @@ def _predicted(sightings: Sightings, camera: Camera, poses: Poses) -> FloatArray
 
 def _poses(views: tuple[View, ...], sightings: Sightings, calibration: Calibration) -> Poses:
     """The calibration's poses of the views; from rays for a view that it left out."""
-    found = {view.image: k for k, view in enumerate(calibration.views)}
-    if all(view.image in found for view in views):
-        return calibration.poses.only([found[view.image] for view in views])
+    found = {id(view): k for k, view in enumerate(calibration.views)}
+    if all(id(view) in found for view in views):
+        return calibration.poses.only([found[id(view)] for view in views])
     fresh, known = linear_poses(sightings, calibration.camera), calibration.poses
     turns, shifts = fresh.camera_from_target.copy(), fresh.translation.copy()
     for k, view in enumerate(views):
-        if view.image in found:
-            turns[k], shifts[k] = known.camera_from_target[found[view.image]], known.translation[found[view.image]]
+        if id(view) in found:
+            turns[k], shifts[k] = known.camera_from_target[found[id(view)]], known.translation[found[id(view)]]
     return Poses(turns, shifts)
 
 

@@ -13,7 +13,8 @@ from fullsphere.model.calibration.assess import Assessment, assess
 from fullsphere.model.calibration.calibrate import Calibration, calibrate
 from fullsphere.model.calibration.coverage import coverage
 from fullsphere.model.calibration.difference import difference
-from fullsphere.model.calibration.points import Poses, View
+from fullsphere.model.calibration.observability import Weakest, weakest
+from fullsphere.model.calibration.points import Poses, Sightings, View
 from fullsphere.model.calibration.ray_errors import ray_sigma, ray_sigma_map
 from fullsphere.model.calibration.trends import radial_trend
 from fullsphere.model.calibration.verification import chi_square, verify
@@ -264,6 +265,45 @@ def test_one_view_of_rings_at_one_depth_each_is_flagged(photographer: Any) -> No
     box = coverage(calibrate(photographer.box_world(9, NOISE, views=1).views, SIZE))
     assert any("entrance pupil" in flag for flag in box.flags)
     assert not any("one distance only" in flag for flag in box.flags)
+
+
+def loosest(photographer: Any, pose: Poses, marks: FloatArray) -> Weakest:
+    world = photographer.shoot(photographer.camera(), pose, marks, 0.0, np.random.default_rng(0))
+    sightings = Sightings.of(world.views)
+    return weakest(world.camera, sightings.rays(world.poses), sightings.view)
+
+
+def test_what_is_worst_determined_is_named(photographer: Any) -> None:
+    x, y = (a.ravel() for a in np.meshgrid(np.linspace(-60, 60, 6), np.linspace(-60, 60, 6)))
+    board = np.stack([x, y, np.zeros(36)], -1)
+    ahead = np.array([[0.0, 0.0, 200.0]])
+    straight = loosest(photographer, Poses(np.eye(3)[None], ahead), board)
+    assert set(straight.groups) == {"the scale of the lens", "the distance of the target"}
+    assert straight.hidden > 1000
+    turns = Rotation.from_rotvec([[0.4, 0, 0], [-0.4, 0, 0], [0.01, 0.4, 0], [0, -0.4, 0]]).as_matrix()
+    tilted = loosest(photographer, Poses(turns, np.repeat(ahead, 4, axis=0)), board)
+    assert tilted.hidden < 0.1 * straight.hidden
+    near = loosest(
+        photographer, Poses(turns, np.array([[30, 0, 50], [-30, 0, 50], [0, 30, 50], [0, -30, 50.0]])), board
+    )
+    assert near.hidden < tilted.hidden
+    again = loosest(photographer, Poses(np.repeat(np.eye(3)[None], 5, axis=0), np.repeat(ahead, 5, axis=0)), board)
+    assert again.hidden == pytest.approx(straight.hidden, rel=0.01)  # more pictures from one pose tell nothing more
+    assert "distances" in again.text
+
+
+def test_a_hidden_change_is_as_small_in_the_picture_as_stated(photographer: Any) -> None:
+    """A board straight ahead, 1 % further off and through a lens 1 % longer, poses and lens free to adapt."""
+    x, y = (a.ravel() for a in np.meshgrid(np.linspace(-60, 60, 6), np.linspace(-60, 60, 6)))
+    board = np.stack([x, y, np.zeros(36)], -1)
+    camera = photographer.camera()
+    near, far = (board + np.array([0, 0, distance]) for distance in (200, 202))
+    longer = dataclasses.replace(camera, lens=camera.lens.scaled(1.01))
+    moved = np.linalg.norm(camera.project(far) - camera.project(near))
+    both = np.linalg.norm(longer.project(far) - camera.project(near))
+    found = weakest(camera, near, np.zeros(36, int))
+    assert both < 0.1 * moved
+    assert found.hidden > moved / both  # and with a little tilt, centre and shape it hides better still
 
 
 def wide(lens: Any, centre: tuple[float, float] = (640.0, 640.0), half_fov: float = 1.6) -> Camera:
