@@ -122,7 +122,7 @@ def _predicted(sightings: Sightings, camera: Camera, poses: Poses) -> FloatArray
     try:
         return reaching(camera, theta).project(rays) - sightings.pixels
     except CameraError as error:
-        raise GeometryError(f"fitted to half of the points it does not reach the others ({error})") from error
+        raise GeometryError(f"points stand outside the domain of the lens: {error}") from error
 
 
 def _poses(views: tuple[View, ...], sightings: Sightings, calibration: Calibration) -> Poses:

@@ -144,7 +144,7 @@ def select(
         try:
             squared[name] = np.sum(held_out_residuals(judged, calibration) ** 2, -1)
         except GeometryError as error:
-            reasons[name] = f"not judged: {error}"
+            reasons[name] = f"fitted to a part of the points it does not predict the others ({error})"
     if not squared:
         raise GeometryError(_nothing(reasons))
     rows = _rows(kinds, fitted, judged, squared)
@@ -221,8 +221,13 @@ def _difference(row: Row) -> str:
     return f"{row.behind_px:.4f} +- {row.behind_error_px:.4f} px"
 
 
-def _is_wrong(row: Row, best: Row) -> bool:
+def _is_clearly_behind(row: Row, best: Row) -> bool:
     return row.behind_px > max(_CLEARLY * row.behind_error_px, _MUCH * best.held_out_rms_px)
+
+
+def _is_wrong(row: Row, best: Row) -> bool:
+    """Whether the lens cannot follow the points: one that follows them, and predicts others badly, is too free."""
+    return _is_clearly_behind(row, best) and row.fit_rms_px > (1 + _MUCH) * best.fit_rms_px
 
 
 def _misfit(row: Row) -> str:
@@ -238,6 +243,8 @@ def _row_verdict(row: Row, best: Row, chosen: Row) -> str:
         return f"as good as the best (behind by {_difference(row)})"
     if _is_wrong(row, best):
         return f"wrong for this lens: behind by {_difference(row)}; {_misfit(row)}"
+    if _is_clearly_behind(row, best):
+        return f"too free for so few points: it fits as well as the best, but predicts worse, by {_difference(row)}"
     slightly = "slightly " if row.behind_px <= _MUCH * best.held_out_rms_px else ""
     return f"{slightly}behind, by {_difference(row)}"
 
@@ -253,7 +260,7 @@ def _verdict(rows: list[Row], chosen: Row, reasons: dict[str, str]) -> str:
     text = f"Use the {chosen.lens} lens: {chosen.held_out_rms_px:.4f} px rms on points that its fit never saw"
     text += "." if chosen.lens == best.lens else f", as good as the best ({best.lens}, {best.held_out_rms_px:.4f} px)."
     if _PAPER in reasons:
-        return f"{text} The {_PAPER} lens could not be judged: {reasons[_PAPER]}."
+        return f"{text} The {_PAPER} lens could not be compared: {reasons[_PAPER]}."
     paper = next((row for row in rows if row.lens == _PAPER), None)
     if paper is None or paper.lens == chosen.lens:
         return text
@@ -265,6 +272,11 @@ def _verdict(rows: list[Row], chosen: Row, reasons: dict[str, str]) -> str:
         )
     if paper.behind_px <= paper.behind_error_px:
         return f"{text} The {_PAPER} lens is as good as any ({paper.held_out_rms_px:.4f} px)."
+    if _is_clearly_behind(paper, best):
+        return (
+            f"{text} The {_PAPER} lens fits as well, but predicts worse ({paper.held_out_rms_px:.4f} px): it is too "
+            "free for so few points; more views would tell."
+        )
     if paper.behind_px <= _MUCH * best.held_out_rms_px:
         return (
             f"{text} The {_PAPER} lens ({paper.held_out_rms_px:.4f} px) is behind by {_difference(paper)}, "

@@ -119,6 +119,20 @@ def test_a_lens_gains_nothing_by_rejecting_points(photographer: Any) -> None:
     assert len(judged_points(views, [picky, dataclasses.replace(right, sigma_px=99.0)], 5).fold) < total / 2
 
 
+def test_a_lens_that_is_too_free_is_not_called_wrong(photographer: Any) -> None:
+    """Few points of an equisolid lens: four values follow them, noise and all, and predict badly."""
+    rng = np.random.default_rng(40)
+    camera = photographer.camera(Equisolid(390.0))
+    marks = np.stack([*rng.uniform(-100, 100, (2, 9)), np.zeros(9)], -1)
+    world = photographer.shoot(camera, photographer.poses(4, rng, distance=80.0, tilt_deg=40.0), marks, 1.0, rng)
+    found = select(world.views, SIZE, ["equisolid", "kannala-brandt", "bakstein-pajdla"], reject=False)
+    assert found.chosen == "equisolid"
+    assert "too free" in row(found, "kannala-brandt").verdict
+    assert row(found, "bakstein-pajdla").verdict.startswith("fitted to a part of the points it does not predict")
+    assert "could not be compared" in found.verdict
+    assert "not the right model" not in found.verdict
+
+
 def test_one_view_is_judged_half_by_half(photographer: Any) -> None:
     world = photographer.box_world(34, 0.3, views=1)
     found = select(world.views, SIZE, ["equidistant", "bakstein-pajdla", "kannala-brandt"])
