@@ -20,7 +20,7 @@ from fullsphere.model.camera import Camera
 from fullsphere.model.lens import FloatArray
 
 _ROUND = (1, 2, 5)  # magnifications and scale bars are one of these times a power of ten
-_ARROW = 0.02  # of the picture's longer side: how long a typical error is drawn
+_ARROW = 0.03  # of the picture's longer side: how long a typical error is drawn
 _CROWDED = 1.8  # of the distance between points: the same where points stand close
 _DEEPEST = 1e-3  # of the largest value of a map: the smallest that has a colour of its own
 _SPREAD = 3  # the largest value of a map over its median from which a logarithmic scale is used

@@ -134,15 +134,14 @@ def _scatter(axes: Axes, x: FloatArray, error_px: FloatArray, used: NDArray[np.b
         x[used], error_px[used], linestyle="none", marker=".", markersize=2.5 if dense else 5, color=BLUE,
         rasterized=dense, label=f"{np.count_nonzero(used)} points",
     )  # fmt: skip
-    if not used.all():
-        axes.plot(
-            x[~used], error_px[~used], linestyle="none", marker="x", color=RED,
-            label=f"{np.count_nonzero(~used)} rejected",
-        )  # fmt: skip
+    top = 1.25 * max(float(np.max(error_px[used], initial=rms_px)), 4 * rms_px)
+    for chosen, marker, where in ((error_px <= top, "x", ""), (error_px > top, "^", " beyond the top")):
+        here = ~used & chosen  # without those that the lens does not image at all
+        if here.any():
+            axes.plot(
+                x[here], np.minimum(error_px[here], 0.98 * top), linestyle="none", marker=marker, color=RED,
+                label=f"{np.count_nonzero(here)} rejected{where}",
+            )  # fmt: skip
     axes.axhline(rms_px, color=INK, linewidth=1, linestyle="--", label=f"rms {rms_px:.3f} px")
-    axes.set_ylim(0, _top(error_px, rms_px))
-    axes.legend(loc="upper left", ncols=3)
-
-
-def _top(error_px: FloatArray, rms_px: float) -> float:
-    return 1.2 * max(float(np.nanmax(error_px)), rms_px)
+    axes.set_ylim(0, top)
+    axes.figure.legend(loc="outside lower center", ncols=2)
