@@ -18,7 +18,7 @@ from fullsphere.model.calibration.solve import solve
 from fullsphere.model.errors import CameraError, GeometryError
 from fullsphere.model.lens import FloatArray
 
-_BINS = 10
+_BINS, _POINTS_PER_BIN = 10, 3  # fewer bins where there would be fewer points in each
 _FEWEST = 6  # points of a view that fix its pose, on any target
 
 
@@ -32,9 +32,10 @@ class ChiSquare:
         (n,) squared residuals of the verification half, each measured by the covariance that noise and the fit's own
         uncertainty give it there; (du^2 + dv^2)/sigma^2, as the paper has it, where there are many points.
     edges
-        (11,) of ten bins that chance fills alike, -2 ln(1 - j/10); the last is infinite.
+        (B + 1,) of B bins that chance fills alike, -2 ln(1 - j/B); the last is infinite.  Ten bins, fewer where that
+        would leave less than three points to each.
     counts
-        (10,) points in each bin; `expected` (one number) is what chance gives each.
+        (B,) points in each bin; `expected` (one number) is what chance gives each.
     statistic, freedom, p_value
         Pearson's statistic, less what the uncertainty of sigma adds to it; its degrees of freedom; and the
         probability of so large a one by chance.
@@ -134,21 +135,22 @@ def verify(calibration: Calibration, seed: int = 0) -> Verification:
 def chi_square(values: FloatArray, freedom: int) -> ChiSquare:
     """Pearson's test that values (n,) are chi-square with 2 degrees of freedom, measured by an estimated variance.
 
-    Were sigma known, the counts n_j would have the covariance n (diag(1/10) - 1/100).  A sigma estimated from
+    Were sigma known, the B counts would have the covariance n (diag(1/B) - 1/B^2).  A sigma estimated from
     `freedom` other residuals moves all of them along g = d(expected)/d(ln sigma^2), by a standard deviation of
-    sqrt(2/freedom); the statistic is taken in the sum of both, and so has 9 degrees of freedom exactly.
+    sqrt(2/freedom); the statistic is taken in the sum of both, and so keeps its B - 1 degrees of freedom.
     """
-    count, expected = len(values), len(values) / _BINS
-    tails = 1 - np.arange(_BINS + 1) / _BINS
+    count = len(values)
+    bins = min(_BINS, max(3, count // _POINTS_PER_BIN))
+    expected, tails = count / bins, 1 - np.arange(bins + 1) / bins
     with np.errstate(divide="ignore"):
         edges = 0.0 - 2 * np.log(tails)
-    counts = np.bincount(np.minimum(np.searchsorted(edges, values, side="right") - 1, _BINS - 1), minlength=_BINS)
+    counts = np.bincount(np.minimum(np.searchsorted(edges, values, side="right") - 1, bins - 1), minlength=bins)
     excess = counts - expected
     slope = np.pad(tails[1:-1] * edges[1:-1] / 2, 1)  # of the tail beyond each edge, by ln sigma^2
     moved = count * (slope[:-1] - slope[1:])
     plain, along, size = excess @ excess / expected, excess @ moved / expected, moved @ moved / expected
     statistic = float(plain - along**2 / (freedom / 2 + size))  # Sherman-Morrison
-    return ChiSquare(values, edges, counts, expected, statistic, _BINS - 1, float(stats.chi2.sf(statistic, _BINS - 1)))
+    return ChiSquare(values, edges, counts, expected, statistic, bins - 1, float(stats.chi2.sf(statistic, bins - 1)))
 
 
 def _used(view: View, chosen: NDArray[np.bool_]) -> View:

@@ -93,6 +93,8 @@ def test_chi_square_counts_and_rejects_what_is_not_normal() -> None:
     assert even.statistic == pytest.approx(0, abs=1e-9)
     assert even.p_value == pytest.approx(1)
     np.testing.assert_allclose(even.edges[:3], [0, -2 * math.log(0.9), -2 * math.log(0.8)])
+    few = chi_square(exact[::83], 10**9)
+    assert (len(few.counts), len(few.edges), few.freedom) == (4, 5, 3)
     heavy = np.sum(rng.standard_t(3, (1000, 2)) ** 2, -1) / 3
     assert chi_square(heavy, 2000).p_value < 1e-6
     p_values = []
