@@ -70,7 +70,7 @@ def chi_square(test: ChiSquare) -> Drawing:
     tail = f" {beyond} points lie beyond the right edge and stand in the last bar." if beyond else ""
     return Drawing(
         "chi-square",
-        "Are the errors noise?",
+        "Whether the errors are noise",
         "Squared errors of the points that a fit to the other half never saw, over their variance, and what normally "
         f"distributed noise of one size would give (line).{tail} A small p says that they are not such noise; a long "
         "tail is outliers, or blur in some views. A large p does not say that the curve is right. (Figure 11b of the "

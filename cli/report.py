@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from fullsphere.model.calibration.candidates import Misfit
     from fullsphere.model.calibration.select import Selection
 
+_INTERCHANGEABLE = (
+    "The values of the formula are nearly interchangeable: quite different ones give nearly the same curve, and their "
+    "own sigmas say little. Compare curves, never values."
+)
 _STEP_DEG = 10  # between the rows of the curve's table
 
 check_report = check_page
@@ -95,7 +99,7 @@ def _lens(calibration: Calibration) -> Section:
             for name, value, error in zip(camera.parameter_names, camera.values, sigma, strict=True)
         ),
     )
-    lowest, highest = calibration.observed_theta_deg
+    highest = calibration.observed_theta_deg[1]
     last = int(curve.theta_deg[-1])
     rows = [
         (
@@ -103,7 +107,7 @@ def _lens(calibration: Calibration) -> Section:
             f"{curve.r_px[theta]:.3f}",
             f"{curve.sigma_px[theta]:.4f}",
             f"{math.degrees(curve.sigma_px[theta] / float(camera.lens.slope(math.radians(theta)))):.4f}",
-            "" if lowest <= theta <= highest else "extrapolated" if theta > highest else "nearer than any point",
+            "extrapolated" if theta > highest else "",
         )
         for theta in np.unique([*range(0, last + 1, _STEP_DEG), last]).tolist()
     ]
@@ -111,9 +115,8 @@ def _lens(calibration: Calibration) -> Section:
     return Section(
         "The lens",
         (
-            "The curve r(θ) is the result: the distance from the centre at which a direction θ off the axis is imaged. "
-            "The values of the formula are nearly interchangeable: quite different ones give the same curve, and their "
-            "own sigmas say little. Compare curves, never values.",
+            "The curve r(θ) is the result: the distance from the centre at which a direction θ off the axis is imaged.",
+            *((_INTERCHANGEABLE,) if len(camera.lens.parameters) > 1 else ()),
             *_bow(calibration),
         ),
         (table, values),
@@ -208,7 +211,7 @@ def _noise(calibration: Calibration, assessment: Assessment) -> Section:
     return Section("What is left over", (text,), (table,), (*drawings, chi_square(check.chi_square)))
 
 
-def _by_sighting(calibration: Calibration) -> tuple[np.ndarray, ...]:
+def _by_sighting(calibration: Calibration) -> tuple[Any, ...]:
     """Length of each residual, whether it was used, its view, and the angle from the axis (that of the picture)."""
     residuals = np.concatenate(calibration.residuals_px)
     used = np.concatenate(calibration.used).astype(bool)
@@ -265,7 +268,7 @@ def _directions(calibration: Calibration, assessment: Assessment) -> Section:
     lowest, highest = seen.observed_theta_deg
     text = (
         f"Points were seen from {lowest:.1f} to {highest:.1f} degrees from the axis; the field of view is stated as "
-        f"{seen.half_fov_deg:.1f} degrees to every side. {100 * seen.covered:.0f} % of its solid angle have a point "
+        f"{seen.half_fov_deg:.1f} degrees to every side. {100 * seen.covered:.1f} % of its solid angle have a point "
         f"within {seen.near_deg:.1f} degrees, and {100 * seen.extrapolated:.1f} % lie beyond the outermost point."
     )
     drawings = (ray_sigma(calibration.camera, assessment.ray_sigma), coverage(calibration, seen))

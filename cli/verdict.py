@@ -73,7 +73,7 @@ def _field(calibration: Calibration) -> Finding:
 
 def _covered(assessment: Assessment) -> Finding:
     covered = assessment.coverage.covered
-    return Finding("Field with points near by", f"{100 * covered:.0f} %", _graded(1 - covered, 0.1, 0.4))
+    return Finding("Field with points near by", f"{100 * covered:.1f} %", _graded(1 - covered, 0.1, 0.4))
 
 
 def _halves(assessment: Assessment) -> Finding:
