@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fullsphere.model.calibration.initial import Start, find_starts
 from fullsphere.model.calibration.linear_pose import linear_poses
-from fullsphere.model.calibration.points import Poses, Sightings, View
-from fullsphere.model.calibration.solve import Solution, descend, solve
+from fullsphere.model.calibration.points import LeftOut, Poses, Sightings, View
+from fullsphere.model.calibration.robust import Fit, robust_fit
+from fullsphere.model.calibration.solve import descend
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import GeometryError, UsageError
 from fullsphere.model.lens import LENSES, FloatArray, Lens, angle_of_radius
@@ -24,14 +24,6 @@ Progress = Callable[[Iterable[Any]], Iterable[Any]]
 _NEAREST_SINGULAR = 1e-12  # of the largest singular value: what is less certain is reported as exactly that uncertain
 _HOPELESS = 0.02  # rms as a share of the picture's longer side: wrong points, or a lens of another kind
 _UNDETERMINED = 0.05  # sigma of r at the outermost point as a share of r: the lens is not observable
-
-
-@dataclasses.dataclass(frozen=True)
-class LeftOut:
-    """A view that took no part: the picture's name and why."""
-
-    image: str
-    reason: str
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -47,7 +39,8 @@ class Calibration:
     poses
         `camera_from_target` (V, 3, 3) and `translation` (V, 3), in the target's unit.
     residuals_px
-        Predicted minus observed, one (n, 2) array per view, rejected points too.
+        Predicted minus observed, one (n, 2) array per view, rejected points too; NaN where the lens
+        images none.
     used
         One boolean array (n,) per view: false for the points that were rejected.
     left_out
@@ -95,8 +88,9 @@ class Calibration:
 
     @property
     def rms_with_rejected_px(self) -> float:
-        """The same over all points of the views, those rejected too."""
-        return _rms(np.concatenate(self.residuals_px))
+        """The same over all points of the views, those rejected too if the lens images them at all."""
+        residuals = np.concatenate(self.residuals_px)
+        return _rms(residuals[np.isfinite(residuals).all(1)])
 
     @property
     def points(self) -> int:
@@ -125,9 +119,14 @@ def calibrate(
     *,
     half_fov: float | None = None,
     centre: tuple[float, float] | None = None,
+    bow: bool = False,
+    reject: bool = True,
     progress: Progress = iter,
 ) -> Calibration:
     """Calibrate a camera from one or several views of one rigid target.
+
+    Points more than six standard deviations from where the camera sees them take no part, nor do views of which fewer
+    than half the points agree with the others: both are named in the result.
 
     Parameters
     ----------
@@ -143,6 +142,10 @@ def calibrate(
         where the fitted curve does not grow as far as that circle.
     centre
         A candidate for the image centre, as of a visible image circle; it may be wrong.
+    bow
+        Whether the board, flat but for that, may be bowed; see the module `bow`.
+    reject
+        Whether wrong points and views are rejected; False is plain least squares over everything.
     progress
         Wraps the starts that are tried.
 
@@ -156,11 +159,10 @@ def calibrate(
         If `image_size` or `half_fov` make no camera.
     """
     kind = _kind(lens)
-    sightings = Sightings.of(views)
-    _check_inside(sightings, image_size)
-    solution = _best(sightings, find_starts(sightings, image_size, kind, centre, progress))
-    _check_fit(sightings, solution)
-    calibration = _described(tuple(views), sightings, solution, half_fov)
+    _check_inside(Sightings.of(views), image_size)
+    fit = robust_fit(views, image_size, kind, centre=centre, bow=bow, reject=reject, progress=progress)
+    _check_fit(fit)
+    calibration = _described(fit, half_fov)
     _check_determined(calibration)
     return calibration
 
@@ -195,19 +197,6 @@ def _sigma_of_radius(calibration: Calibration, theta: FloatArray) -> FloatArray:
     return sigma
 
 
-def _best(sightings: Sightings, starts: Sequence[Start]) -> Solution:
-    """The solution with the least error, from whichever start; the fault of the first if none converges."""
-    solutions, faults = [], []
-    for start in starts:
-        try:
-            solutions.append(solve(sightings, start.camera, start.poses))
-        except GeometryError as fault:
-            faults.append(fault)
-    if not solutions:
-        raise faults[0]
-    return min(solutions, key=lambda solution: solution.rms_px)
-
-
 def _rms(residuals: FloatArray) -> float:
     return math.sqrt(float(np.mean(np.sum(residuals**2, -1))))
 
@@ -220,25 +209,23 @@ def _kind(lens: str | type[Lens]) -> type[Lens]:
     return LENSES[lens]
 
 
-def _described(
-    views: tuple[View, ...], sightings: Sightings, solution: Solution, half_fov: float | None
-) -> Calibration:
-    rays = sightings.rays(solution.poses)
+def _described(fit: Fit, half_fov: float | None) -> Calibration:
+    solution = fit.solution
+    rays = fit.rays[fit.used]
     theta = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
     lowest, highest = float(theta.min()), float(theta.max())
     chosen = _field_of_view(solution.camera, highest) if half_fov is None else half_fov
-    freedom = solution.residuals.size - 6 * len(sightings.images) - len(solution.camera.values)
-    sigma = math.sqrt(float(np.sum(solution.residuals**2)) / freedom)
     return Calibration(
         dataclasses.replace(solution.camera, half_fov=chosen),
-        views,
+        fit.views,
         solution.poses,
-        sightings.split(solution.residuals),
-        tuple(np.ones(len(view.pixels), bool) for view in views),
-        (),
+        fit.sightings.split(fit.residuals),
+        fit.sightings.split(fit.used),
+        fit.left_out,
         (math.degrees(lowest), math.degrees(highest)),
-        _inverse_factor(solution.triangle) * sigma,
-        sigma,
+        _inverse_factor(solution.triangle) * fit.sigma_px,
+        fit.sigma_px,
+        (float(solution.bow[0]), float(solution.bow[1])) if solution.bow.size else None,
     )
 
 
@@ -272,15 +259,16 @@ def _check_inside(sightings: Sightings, image_size: tuple[int, int]) -> None:
         )
 
 
-def _check_fit(sightings: Sightings, solution: Solution) -> None:
+def _check_fit(fit: Fit) -> None:
+    solution = fit.solution
     if solution.rms_px > _HOPELESS * max(solution.camera.size):
-        distance = np.hypot(*solution.residuals.T)
+        distance = np.where(fit.used, np.hypot(*fit.residuals.T), 0.0)
         worst = int(np.argmax(distance))
-        u, v = sightings.pixels[worst]
+        u, v = fit.sightings.pixels[worst]
         raise GeometryError(
             f"calibration: the best {solution.camera.lens.projection} lens leaves rms {solution.rms_px:.3g} px (median "
             f"{np.median(distance):.3g}, worst {distance[worst]:.3g} at ({u:.0f}, {v:.0f}) of "
-            f"{sightings.images[sightings.view[worst]]}); remove wrong points, or try another lens"
+            f"{fit.sightings.images[fit.sightings.view[worst]]}); remove wrong points, or try another lens"
         )
 
 

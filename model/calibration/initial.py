@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,12 +33,19 @@ _SAMPLE = 60  # points per view that the search looks at
 _HOPELESS = 0.02  # of the picture's longer side: a median error that no lens explains
 
 
+_AGREE = 4.0  # times the median error: a point further off is left to be judged by a better camera
+
+
 class Start(NamedTuple):
-    """A camera and the poses of all views, to descend from; `error_px`, a median, ranks it among others."""
+    """A camera and the poses of all views, to descend from; `error_px`, a median, ranks it among others.
+
+    `agreeing` (N,) are the points that the camera explains; all of them unless wrong ones were reckoned with.
+    """
 
     camera: Camera
     poses: Poses
     error_px: float
+    agreeing: NDArray[np.bool_]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,6 +79,7 @@ def find_starts(
     lens: type[Lens],
     centre: tuple[float, float] | None = None,
     progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
+    robust: bool = False,
 ) -> list[Start]:
     """The best start found for a lens of the given kind; several where the descent may end in several minima.
 
@@ -87,6 +95,8 @@ def find_starts(
         Another candidate for the image centre (that of a visible image circle); the picture's centre is always tried.
     progress
         Wraps the candidates.
+    robust
+        Whether to reckon with wrong points, up to almost half of each view, and with wrong views.  Slower.
 
     Raises
     ------
@@ -96,14 +106,16 @@ def find_starts(
     sample = _sampled(sightings)
     centres = [((size[0] - 1) / 2, (size[1] - 1) / 2), *([centre] if centre is not None else [])]
     candidates = tuple(_candidates(sample, size, centres))
-    ranked = sorted((_linear(sample, camera) for camera in progress(candidates)), key=lambda start: start.error_px)
-    refined = [start for candidate in ranked[:_KEPT] if (start := _refined(sample, candidate)) is not None]
+    tried = [_linear(sample, camera, robust) for camera in progress(candidates)]
+    ranked = sorted(tried, key=lambda start: start.error_px)[:_KEPT]
+    refined = [start for candidate in ranked if (start := _refined(sample, candidate, robust)) is not None]
     best = min(refined, key=lambda start: start.error_px, default=None)
     if best is None or best.error_px > _HOPELESS * max(size):
         raise GeometryError(
             "calibration: no camera was found that sees the points where the pictures show them. Check that rows, "
             "units and picture size belong together, and that the target's coordinates are not mirrored"
         )
+    best = best._replace(agreeing=_agreeing(sightings, best.camera, best.poses, robust))
     return [best._replace(camera=camera) for camera in _with_lenses(sightings, best, lens)]
 
 
@@ -111,8 +123,7 @@ def _sampled(sightings: Sightings) -> Sightings:
     """At most `_SAMPLE` points of each view, taken at random (always the same): every k-th might be one line."""
     rng = np.random.default_rng(0)
     chosen = np.zeros(sightings.count, bool)
-    for part in sightings.split(np.arange(sightings.count)):
-        places = part.astype(np.intp)
+    for places in sightings.split(np.arange(sightings.count)):
         chosen[places if len(places) <= _SAMPLE else rng.choice(places, _SAMPLE, replace=False)] = True
     return sightings.only(chosen)
 
@@ -124,42 +135,69 @@ def _candidates(sightings: Sightings, size: tuple[int, int], centres: list[tuple
             yield Camera(Equidistant(r / math.radians(outermost)), size, centre, half_fov=math.pi)
 
 
-def _linear(sightings: Sightings, camera: Camera) -> Start:
-    """Linear poses, ranked by the mean over views of the median error: a few bad points or views decide nothing."""
-    poses = linear_poses(sightings, camera)
-    return Start(camera, poses, float(np.mean(_errors(sightings, camera, poses))))
+def _linear(sightings: Sightings, camera: Camera, robust: bool) -> Start:
+    poses = linear_poses(sightings, camera, robust)
+    return _start(sightings, camera, poses, robust)
 
 
-def _errors(sightings: Sightings, camera: Camera, poses: Poses) -> FloatArray:
-    """Median distance in pixels of each view; as far as the picture is wide where points cannot be seen."""
+def _start(sightings: Sightings, camera: Camera, poses: Poses, robust: bool) -> Start:
+    """Ranked by the mean over views of the median error: a few bad points decide nothing; nor, by a median, views."""
+    by_view = sightings.median_by_view(_distances(sightings, camera, poses))
+    error = float(np.median(by_view) if robust else np.mean(by_view))
+    return Start(camera, poses, error, _agreeing(sightings, camera, poses, robust))
+
+
+def _distances(sightings: Sightings, camera: Camera, poses: Poses) -> FloatArray:
+    """Distance in pixels of each point; as far as the picture is wide where it cannot be seen."""
     distance = np.hypot(*(camera.project(sightings.rays(poses)) - sightings.pixels).T)
-    return sightings.median_by_view(np.nan_to_num(distance, nan=float(max(camera.size))))
+    seen: FloatArray = np.nan_to_num(distance, nan=float(max(camera.size)))
+    return seen
 
 
-def _refined(sightings: Sightings, start: Start) -> Start | None:
+def _agreeing(sightings: Sightings, camera: Camera, poses: Poses, robust: bool) -> NDArray[np.bool_]:
+    """The points that take part (N,): all, or those about as near as the median of their view.
+
+    A view whose median is far from that of the others takes no part.
+    """
+    if not robust:
+        return np.ones(sightings.count, bool)
+    distance = _distances(sightings, camera, poses)
+    by_view = sightings.median_by_view(distance)
+    limit = np.where(by_view <= _AGREE * np.median(by_view), _AGREE * by_view, -1.0)
+    return np.asarray(distance <= limit[sightings.view])
+
+
+def _refined(sightings: Sightings, start: Start, robust: bool) -> Start | None:
     """The start after a descent with the cubic lens; views whose pose went astray are placed anew on the way."""
     try:
-        first = descend(sightings, start.camera, start.poses, ("f_px", "centre_u_px", "centre_v_px"), 12)
-        lens = first.camera.lens
-        camera = dataclasses.replace(first.camera, lens=_Cubic(float(lens.slope(0.0)), 0.0), half_fov=math.pi)
-        poses = first.poses
+        camera, poses = _descended(sightings, start, ("f_px", "centre_u_px", "centre_v_px"), 12)
+        camera = dataclasses.replace(camera, lens=_Cubic(float(camera.lens.slope(0.0)), 0.0), half_fov=math.pi)
         for iterations in (12, 25):
-            poses = _better(sightings, camera, poses)
-            reached = descend(sightings, camera, poses, None, iterations)
-            camera, poses = dataclasses.replace(reached.camera, half_fov=_whole(reached.camera.lens)), reached.poses
+            poses = _better(sightings, camera, poses, robust)
+            camera, poses = _descended(sightings, _start(sightings, camera, poses, robust), None, iterations)
+            camera = dataclasses.replace(camera, half_fov=_whole(camera.lens))
     except (GeometryError, CameraError):
         return None
-    return Start(camera, poses, float(np.mean(_errors(sightings, camera, poses))))
+    return _start(sightings, camera, poses, robust)
 
 
 def _whole(lens: Lens) -> float:
     return lens.theta_max * (1 - 1e-9)
 
 
-def _better(sightings: Sightings, camera: Camera, poses: Poses) -> Poses:
+def _descended(sightings: Sightings, start: Start, free: Sequence[str] | None, iterations: int) -> tuple[Camera, Poses]:
+    """Where a descent over the agreeing points ends; views without any keep their poses."""
+    kept = np.unique(sightings.view[start.agreeing])
+    part = sightings.only(start.agreeing)
+    reached = descend(part, start.camera, start.poses.only(kept), free, iterations)
+    return reached.camera, start.poses.replaced(kept, reached.poses)
+
+
+def _better(sightings: Sightings, camera: Camera, poses: Poses, robust: bool) -> Poses:
     """For each view the given pose or a fresh linear one, whichever shows the points nearer to their pixels."""
-    fresh = linear_poses(sightings, camera)
-    wins = np.asarray(_errors(sightings, camera, fresh) < _errors(sightings, camera, poses))
+    fresh = linear_poses(sightings, camera, robust)
+    errors = [sightings.median_by_view(_distances(sightings, camera, tried)) for tried in (fresh, poses)]
+    wins = np.asarray(errors[0] < errors[1])
     return Poses(
         np.where(wins[:, None, None], fresh.camera_from_target, poses.camera_from_target),
         np.where(wins[:, None], fresh.translation, poses.translation),
@@ -168,8 +206,9 @@ def _better(sightings: Sightings, camera: Camera, poses: Poses) -> Poses:
 
 def _with_lenses(sightings: Sightings, start: Start, kind: type[Lens]) -> Iterator[Camera]:
     """The start's camera with lenses of the kind asked for, fitted to the radii at which the points are imaged."""
-    rays = sightings.rays(start.poses)
+    part = sightings.only(start.agreeing)
+    rays = part.rays(start.poses.only(np.unique(sightings.view[start.agreeing])))
     theta = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
-    from_centre = (sightings.pixels - start.camera.centre) / [1.0, start.camera.aspect]
+    from_centre = (part.pixels - start.camera.centre) / [1.0, start.camera.aspect]
     for lens in fitted_lenses(kind, theta, np.hypot(*from_centre.T)):
         yield dataclasses.replace(start.camera, lens=lens, half_fov=min(float(theta.max()), _whole(lens)))

@@ -8,10 +8,10 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TextIO
+from typing import TextIO, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from fullsphere.model.errors import GeometryError, InputError
 from fullsphere.model.lens import FloatArray
@@ -20,6 +20,7 @@ COLUMNS = ("image", "x_mm", "y_mm", "z_mm", "u_px", "v_px")
 """The columns that `read_points` needs; others are ignored."""
 
 _SEPARATORS = {";": "semicolons", "\t": "tabs"}
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 _THIN = 1e-3  # extents below this share of the largest one are taken for zero: no target is made more exactly
 
 
@@ -59,6 +60,14 @@ class View:
         object.__setattr__(self, "pixels", pixels)
 
 
+@dataclasses.dataclass(frozen=True)
+class LeftOut:
+    """A view that takes no part: the picture's name and why."""
+
+    image: str
+    reason: str
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Poses:
     """Where the target stands before the camera, view by view: ray = camera_from_target @ point + translation.
@@ -73,6 +82,17 @@ class Poses:
 
     camera_from_target: FloatArray
     translation: FloatArray
+
+    def only(self, views: Sequence[int] | NDArray[np.intp]) -> Poses:
+        """Those of the views with the given numbers."""
+        chosen = np.asarray(views, np.intp)
+        return Poses(self.camera_from_target[chosen], self.translation[chosen])
+
+    def replaced(self, views: NDArray[np.intp], by: Poses) -> Poses:
+        """The poses with those of the views with the given numbers replaced."""
+        rotation, translation = self.camera_from_target.copy(), self.translation.copy()
+        rotation[views], translation[views] = by.camera_from_target, by.translation
+        return Poses(rotation, translation)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -105,8 +125,10 @@ class Sightings:
         return len(self.pixels)
 
     def only(self, chosen: NDArray[np.bool_]) -> Sightings:
-        """The points marked in `chosen` (N,); every view must keep one."""
-        return Sightings(self.images, self.points[chosen], self.pixels[chosen], self.view[chosen])
+        """The points marked in `chosen` (N,); a view that keeps none is gone, and the others are numbered anew."""
+        kept, view = np.unique(self.view[chosen], return_inverse=True)
+        images = tuple(self.images[k] for k in kept)
+        return Sightings(images, self.points[chosen], self.pixels[chosen], view.astype(np.intp))
 
     def rays(self, poses: Poses) -> FloatArray:
         """The points in the camera frames of their views, (N, 3)."""
@@ -114,9 +136,9 @@ class Sightings:
         rays: FloatArray = turned + poses.translation[self.view]
         return rays
 
-    def split(self, values: ArrayLike) -> tuple[FloatArray, ...]:
+    def split(self, values: NDArray[_Scalar]) -> tuple[NDArray[_Scalar], ...]:
         """An array (N, ...) with one entry per point, cut into one array per view."""
-        return tuple(np.split(np.asarray(values, float), np.searchsorted(self.view, np.arange(1, len(self.images)))))
+        return tuple(np.split(values, np.searchsorted(self.view, np.arange(1, len(self.images)))))
 
     def median_by_view(self, values: FloatArray) -> FloatArray:
         """The median of `values` (N,) in each view, (V,)."""

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fullsphere.model.calibration import reduction
-from fullsphere.model.calibration.bow import bow_shapes
 from fullsphere.model.calibration.lens_step import FRAME, best_camera, odd_polynomials
 from fullsphere.model.calibration.points import Poses, Sightings
 from fullsphere.model.calibration.reduction import POSE
@@ -72,7 +71,7 @@ def solve(
     camera: Camera,
     poses: Poses,
     free: Sequence[str] | None = None,
-    bow: FloatArray | None = None,
+    shapes: FloatArray | None = None,
 ) -> Solution:
     """Minimise the squared reprojection error; as `descend`, but an end short of the minimum is an error.
 
@@ -82,7 +81,7 @@ def solve(
         If there are fewer measurements than unknowns, the start leaves the lens's domain, or the descent does not
         converge; the message says what was reached.
     """
-    solution = descend(sightings, camera, poses, free, bow=bow)
+    solution = descend(sightings, camera, poses, free, shapes=shapes)
     if not solution.converged:
         raise GeometryError(
             f"calibration: the {camera.lens.projection} lens did not converge; {solution.iterations} steps reached "
@@ -97,7 +96,7 @@ def descend(
     poses: Poses,
     free: Sequence[str] | None = None,
     max_iterations: int = 100,
-    bow: FloatArray | None = None,
+    shapes: FloatArray | None = None,
 ) -> Solution:
     """Levenberg-Marquardt from the given camera and poses.
 
@@ -114,28 +113,26 @@ def descend(
         Those of `camera.parameter_names` that may change; None frees all.  Poses are always free.
     max_iterations
         Linearisations after which the descent ends, converged or not.
-    bow
-        Start (2,) of the board's bow, which is then free; None for a flat board or a target in space.
+    shapes
+        (N, 2) of `bow_shapes`, for a board that may be bowed; None for a flat board or a target in space.
 
     Raises
     ------
     GeometryError
-        If there are fewer measurements than unknowns, the start leaves the lens's domain, or a target in space is to
-        have a bow.
+        If there are fewer measurements than unknowns, or the start leaves the lens's domain.
     """
     columns = np.array([i for i, name in enumerate(camera.parameter_names) if free is None or name in free], np.intp)
-    bowed = np.zeros(0) if bow is None else np.asarray(bow, float)
-    unknowns = columns.size + POSE * len(sightings.images) + bowed.size
+    bent = np.zeros((sightings.count, 0)) if shapes is None else shapes
+    unknowns = columns.size + POSE * len(sightings.images) + bent.shape[1]
     if 2 * sightings.count <= unknowns:
         raise GeometryError(
             f"calibration: {sightings.count} points give {2 * sightings.count} measurements for {unknowns} unknowns; "
             "more points are needed"
         )
     centroids = np.array([part.mean(0) for part in sightings.split(sightings.points)])
-    shapes = np.zeros((sightings.count, 0)) if bow is None else bow_shapes(sightings.points)
-    problem = _Problem(sightings, sightings.points - centroids[sightings.view], shapes, columns)
+    problem = _Problem(sightings, sightings.points - centroids[sightings.view], bent, columns)
     arm = np.einsum("vij,vj->vi", poses.camera_from_target, centroids) + poses.translation
-    first = problem.linearised(_State(camera, poses.camera_from_target, arm, bowed))
+    first = problem.linearised(_State(camera, poses.camera_from_target, arm, np.zeros(bent.shape[1])))
     if first is None:
         raise GeometryError(
             f"calibration: points stand outside the domain of the {camera.lens.projection} lens at the start; "
@@ -250,7 +247,7 @@ class _Problem(NamedTuple):
         rows = np.concatenate([linear.of_pose, linear.of_bow, linear.of_camera[..., self.columns]], -1)
         triangles = reduction.triangles_by_view(rows, self.sightings.view, len(self.sightings.images))
         bow = self.shapes.shape[1]
-        return reduction.triangle(triangles[:, POSE:, POSE:].reshape(-1, bow + self.columns.size))[bow:, bow:]
+        return reduction.triangle(np.concatenate(triangles[:, POSE:, POSE:]))[bow:, bow:]
 
 
 def _reaching(camera: Camera, angle: float) -> Camera | None:
