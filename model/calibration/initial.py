@@ -2,7 +2,8 @@
 
 1. For several centres and scales of an equidistant lens the pixels become rays, and the pose of every view follows
    linearly from x cross (R X + t) = 0, which never divides by z and so holds past 90 degrees.
-2. The best few are refined with one well-behaved lens, r = f theta + g theta^3.
+2. The best few are refined with one well-behaved lens, r = f theta + g theta^3, and the best of them once more with
+   odd powers up to the ninth, which every real lens follows closely.
 3. The lens asked for is fitted to the radial curve that was found: its lengths linearly, its other parameters from a
    grid over their bounds, or from the axis outwards.  For r = a tan(theta/b) + c sin(theta/d) the grid keeps both terms
    alive; from the paper's own start, c = 0, the descent stalls.
@@ -25,7 +26,7 @@ from fullsphere.model.calibration.points import Poses, Sightings
 from fullsphere.model.calibration.solve import descend
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import CameraError, GeometryError
-from fullsphere.model.lens import Equidistant, FloatArray, Lens, Parameter
+from fullsphere.model.lens import Equidistant, FloatArray, KannalaBrandt, Lens, Parameter
 
 _OUTERMOST_DEG = (8, 12, 17, 24, 33, 42, 52, 62, 72, 82, 92, 103, 115, 130)  # where the outermost point may stand
 _KEPT = 3  # scales that are refined
@@ -33,6 +34,7 @@ _SAMPLE = 60  # points per view that the search looks at
 _HOPELESS = 0.02  # of the picture's longer side: a median error that no lens explains
 
 
+_NODES = 200  # of the curve that a lens is fitted to
 _AGREE = 4.0  # times the median error: a point further off is left to be judged by a better camera
 
 
@@ -115,7 +117,7 @@ def find_starts(
             "calibration: no camera was found that sees the points where the pictures show them. Check that rows, "
             "units and picture size belong together, and that the target's coordinates are not mirrored"
         )
-    best = best._replace(agreeing=_agreeing(sightings, best.camera, best.poses, robust))
+    best = _closer(sightings, best._replace(agreeing=_agreeing(sightings, best.camera, best.poses, robust)))
     return [best._replace(camera=camera) for camera in _with_lenses(sightings, best, lens)]
 
 
@@ -185,6 +187,17 @@ def _whole(lens: Lens) -> float:
     return lens.theta_max * (1 - 1e-9)
 
 
+def _closer(sightings: Sightings, start: Start) -> Start:
+    """The start with a curve of odd powers up to the ninth, or as it is where that fails."""
+    try:
+        f, g = start.camera.lens.values
+        camera = dataclasses.replace(start.camera, lens=KannalaBrandt(f, g / f, 0.0, 0.0, 0.0), half_fov=1e-3)
+        camera, poses = _descended(sightings, start._replace(camera=camera), None, 25)
+    except (GeometryError, CameraError):
+        return start
+    return start._replace(camera=camera, poses=poses)
+
+
 def _descended(sightings: Sightings, start: Start, free: Sequence[str] | None, iterations: int) -> tuple[Camera, Poses]:
     """Where a descent over the agreeing points ends; views without any keep their poses."""
     kept = np.unique(sightings.view[start.agreeing])
@@ -205,10 +218,10 @@ def _better(sightings: Sightings, camera: Camera, poses: Poses, robust: bool) ->
 
 
 def _with_lenses(sightings: Sightings, start: Start, kind: type[Lens]) -> Iterator[Camera]:
-    """The start's camera with lenses of the kind asked for, fitted to the radii at which the points are imaged."""
+    """The start's camera with lenses of the kind asked for, fitted to its curve where points are imaged."""
     part = sightings.only(start.agreeing)
     rays = part.rays(start.poses.only(np.unique(sightings.view[start.agreeing])))
-    theta = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
-    from_centre = (part.pixels - start.camera.centre) / [1.0, start.camera.aspect]
-    for lens in fitted_lenses(kind, theta, np.hypot(*from_centre.T)):
-        yield dataclasses.replace(start.camera, lens=lens, half_fov=min(float(theta.max()), _whole(lens)))
+    theta = np.sort(np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2]))
+    nodes = theta[np.linspace(0, len(theta) - 1, min(len(theta), _NODES)).astype(np.intp)]
+    for lens in fitted_lenses(kind, nodes, start.camera.lens.radius(nodes)):
+        yield dataclasses.replace(start.camera, lens=lens, half_fov=min(float(nodes[-1]), _whole(lens)))

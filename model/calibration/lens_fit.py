@@ -13,6 +13,7 @@ from fullsphere.model.lens import FloatArray, Lens, Parameter
 
 _FAR = 0.01  # of the outermost radius: an rms misfit of a lens that is no start yet
 _NOT_QUITE = 0.97  # of a lens's domain: nearer to its end a curve is too steep to be fitted
+_FOLLOWED = 8  # lenses of the grid that a descent starts from
 _STEPS = 60  # of a descent on a curve
 _POSITIVE = (1.05, 1.15, 1.3, 1.6, 2.0, 3.0, 5.0, 9.0)  # grid for a lens parameter without an upper bound
 
@@ -28,14 +29,12 @@ def fitted_lenses(kind: type[Lens], theta: FloatArray, radius: FloatArray) -> li
     GeometryError
         If no lens of the kind images the largest of the angles.
     """
-    nearest: dict[tuple[bool, ...], tuple[float, Lens]] = {}
+    near: dict[tuple[bool, ...], list[tuple[float, Lens]]] = {}
     for ratios in _ratios(kind):
         lens = _with_best_lengths(kind, ratios, theta, radius)
         if lens is not None and lens.theta_max > theta.max():
-            signs, misfit = tuple(ratio < 0 for ratio in ratios), _misfit(lens, theta, radius)
-            if signs not in nearest or misfit < nearest[signs][0]:
-                nearest[signs] = misfit, lens
-    found = sorted(nearest.values(), key=lambda item: item[0])
+            near.setdefault(tuple(ratio < 0 for ratio in ratios), []).append((_misfit(lens, theta, radius), lens))
+    found = sorted((_nearest(lenses, theta, radius) for lenses in near.values()), key=lambda item: item[0])
     if not found or found[0][0] > len(radius) * (_FAR * float(radius.max())) ** 2:
         grown = _grown(kind, theta, radius)
         if grown is not None and (not found or _misfit(grown, theta, radius) < found[0][0]):
@@ -46,6 +45,13 @@ def fitted_lenses(kind: type[Lens], theta: FloatArray, radius: FloatArray) -> li
             f"a {kind.projection} lens can image them; choose a lens that sees further"
         )
     return [lens for _, lens in found]
+
+
+def _nearest(lenses: list[tuple[float, Lens]], theta: FloatArray, radius: FloatArray) -> tuple[float, Lens]:
+    """Where the descent from the nearest few of the lenses (misfit, lens) ends best: the error has many valleys."""
+    few = sorted(lenses, key=lambda item: item[0])[:_FOLLOWED]
+    ends = [_followed(lens, theta, radius) for _, lens in few]
+    return min(((_misfit(lens, theta, radius), lens) for lens in ends), key=lambda item: item[0])
 
 
 def _misfit(lens: Lens, theta: FloatArray, radius: FloatArray) -> float:

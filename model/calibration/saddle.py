@@ -36,7 +36,12 @@ class Saddles(NamedTuple):
 
 
 def fit_saddles(
-    light: NDArray[np.float32], start: FloatArray, px_from_square: FloatArray, clear: float, reach: float = 0.3
+    light: NDArray[np.float32],
+    start: FloatArray,
+    px_from_square: FloatArray,
+    clear: float,
+    reach: float = 0.3,
+    bend: FloatArray | None = None,
 ) -> Saddles:
     """Fit corners near `start` (n, 2).
 
@@ -52,12 +57,17 @@ def fit_saddles(
         How far, in squares, the chessboard goes on undisturbed on both sides of an edge (up to the marker's border).
     reach
         How far along the edges to look, in squares.
+    bend
+        Second derivatives (n, 2, 2, 2) of the pixels by the board's coordinates in squares, pixel axis first.  A
+        straight line on the board is a curve in the picture; taken for straight, it draws the corner to its inner
+        side by some hundredths of a pixel.  None where they are not known.
     """
     count = len(start)
     around = np.arange(-_FURTHEST_PX - 1, _FURTHEST_PX + 2)
     offsets = np.stack(np.meshgrid(around, around), -1).reshape(-1, 2)
     origin = np.rint(start)
     at = origin[:, None] + offsets  # (n, m, 2)
+    straight = _straightened(offsets, start - origin, px_from_square, bend)
     height, width = light.shape
     inside = np.all((at >= 0) & (at <= [width - 1, height - 1]), axis=-1)
     column, row = np.where(inside[..., None], at, 0).astype(np.intp).transpose(2, 0, 1)
@@ -67,17 +77,49 @@ def fit_saddles(
     result = Saddles(*(np.full(shape, np.nan) for shape in ((count, 2), count, count, count)))
     fitted = guess
     for _ in range(2):  # the window follows the corner once
-        weight = inside & _window(offsets - fitted[:, None, :2], px_from_square, clear, reach)
+        weight = inside & _window(straight - fitted[:, None, :2], px_from_square, clear, reach)
         enough = weight.sum(1) >= _MIN_PIXELS
         if not enough.any():
             return result
         guess[:, :2] = fitted[:, :2]
-        _set_levels(guess, values, weight, offsets)
-        fitted, sigma, misfit = _gauss_newton(guess, values, weight.astype(float), offsets.astype(float))
+        _set_levels(guess, values, weight, straight)
+        fitted, sigma, misfit = _gauss_newton(guess, values, weight.astype(float), straight)
     good = enough & np.isfinite(fitted).all(1)
-    result.pixels[good] = (fitted[:, :2] + origin)[good]
+    corners = _bent(fitted[:, :2], start - origin, px_from_square, bend)
+    result.pixels[good] = (corners + origin)[good]
     result.sigma_px[good], result.contrast[good], result.misfit[good] = sigma[good], fitted[good, 5], misfit[good]
     return result
+
+
+def _straightened(
+    offsets: NDArray[np.intp], start: FloatArray, px_from_square: FloatArray, bend: FloatArray | None
+) -> FloatArray:
+    """Pixels (n, m, 2) moved to where they would be if the picture of the board were only sheared and scaled.
+
+    To second order in s, the squares from `start`:  pixel = start + P s + s B s / 2, so what is taken off is s B s / 2.
+    """
+    relative = offsets - start[:, None]
+    if bend is None:
+        return np.asarray(offsets + np.zeros_like(relative), float)
+    with np.errstate(invalid="ignore"):
+        squares = np.einsum("nij,nmj->nmi", _inverse(px_from_square), relative)
+    return np.asarray(offsets - np.einsum("nkij,nmi,nmj->nmk", bend, squares, squares) / 2, float)
+
+
+def _bent(corners: FloatArray, start: FloatArray, px_from_square: FloatArray, bend: FloatArray | None) -> FloatArray:
+    """Straightened corners (n, 2) back in the picture: the inverse of `_straightened`."""
+    if bend is None:
+        return corners
+    squares = np.einsum("nij,nj->ni", _inverse(px_from_square), corners - start)
+    return np.asarray(corners + np.einsum("nkij,ni,nj->nk", bend, squares, squares) / 2, float)
+
+
+def _inverse(matrices: FloatArray) -> FloatArray:
+    """Inverses (n, 2, 2); NaN where there is none."""
+    regular = np.abs(np.linalg.det(matrices)) > 0
+    return np.where(
+        regular[:, None, None], np.linalg.inv(np.where(regular[:, None, None], matrices, np.eye(2))), np.nan
+    )
 
 
 def _first_guess(px_from_square: FloatArray) -> FloatArray:
@@ -102,17 +144,17 @@ def _window(relative: FloatArray, px_from_square: FloatArray, clear: float, reac
 
 
 def _distances(p: FloatArray, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Signed distances (n, m) of the pixels from both edges; each positive on the side the other edge points to."""
-    x, y = offsets[:, 0] - p[:, :1], offsets[:, 1] - p[:, 1:2]
+    """Signed distances (n, m) of pixels (n, m, 2) from both edges; positive on the side the other edge points to."""
+    x, y = offsets[..., 0] - p[:, :1], offsets[..., 1] - p[:, 1:2]
     turned = np.sign(np.sin(p[:, 3:4] - p[:, 2:3]))
     d1 = turned * (np.cos(p[:, 2:3]) * y - np.sin(p[:, 2:3]) * x)
     d2 = turned * (np.sin(p[:, 3:4]) * x - np.cos(p[:, 3:4]) * y)
     return d1, d2
 
 
-def _set_levels(p: FloatArray, values: FloatArray, weight: NDArray[np.bool_], offsets: NDArray[np.intp]) -> None:
+def _set_levels(p: FloatArray, values: FloatArray, weight: NDArray[np.bool_], offsets: FloatArray) -> None:
     """Grey levels m and k, and blur, to start from: linear regression on the sharp pattern."""
-    d1, d2 = _distances(p, offsets.astype(float))
+    d1, d2 = _distances(p, offsets)
     pattern = erf(d1) * erf(d2)
     n = np.maximum(weight.sum(1), 1)
     mean_value, mean_pattern = (values * weight).sum(1) / n, (pattern * weight).sum(1) / n
@@ -158,7 +200,7 @@ _LARGEST_STEP = np.array([1.0, 1.0, 0.2, 0.2, np.inf, np.inf, 0.3, 0.3])
 def _model(p: FloatArray, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
     """I (n, m) and its derivatives (n, m, 8)."""
     d1, d2 = _distances(p, offsets)
-    x, y = offsets[:, 0] - p[:, :1], offsets[:, 1] - p[:, 1:2]
+    x, y = offsets[..., 0] - p[:, :1], offsets[..., 1] - p[:, 1:2]
     turned = np.sign(np.sin(p[:, 3:4] - p[:, 2:3]))
     c1, s1, c2, s2 = (f(p[:, i : i + 1]) for i in (2, 3) for f in (np.cos, np.sin))
     blur1, blur2 = np.exp(p[:, 6:7]), np.exp(p[:, 7:8])

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fullsphere.model.calibration.boards import CharucoBoard
-from fullsphere.model.calibration.detect import find_charuco_corners
+from fullsphere.model.calibration.detect import find_marks
+from fullsphere.model.calibration.targets import Target
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import BaksteinPajdla
@@ -40,7 +41,9 @@ def take(
 def test_corners_of_a_wide_photo_are_found_where_they_are(position: Any, angles: Any, noise: float, seed: int) -> None:
     camera, boards = wide_camera(1600), charuco_box()
     turned, photo = take(camera, boards, position, angles, noise, seed)
-    points, pixels = find_charuco_corners(photo, boards)
+    target = Target("box", boards)
+    marks, pixels = find_marks(photo, target)
+    points = target.points[marks]
     rays = (points - position) @ turned.T
     error = np.linalg.norm(pixels - camera.project(rays), axis=-1)
     everything = np.concatenate([board.marks_on_target() for board in boards])
@@ -56,8 +59,8 @@ def test_corners_of_a_wide_photo_are_found_where_they_are(position: Any, angles:
 def test_mirrored_photo_has_no_corners() -> None:
     camera, boards = wide_camera(900), charuco_box()
     _, photo = take(camera, boards, (25, -18, 12), (4, -3, 2.5), 0.005, 0)
-    assert len(find_charuco_corners(photo, boards).pixels) > 300
-    assert len(find_charuco_corners(photo[:, ::-1], boards).pixels) == 0
+    assert len(find_marks(photo, Target("box", boards)).pixels) > 300
+    assert len(find_marks(photo[:, ::-1], Target("box", boards)).pixels) == 0
 
 
 @pytest.mark.parametrize("kind", ["noise", "black", "squares", "tiny"])
@@ -69,10 +72,10 @@ def test_picture_without_a_target_has_no_corners(kind: str) -> None:
         "squares": np.kron(random.integers(0, 2, (60, 60), np.uint8) * 255, np.ones((10, 10), np.uint8)),
         "tiny": np.zeros((1, 1, 3), np.uint8),
     }[kind]
-    found = find_charuco_corners(picture, charuco_box())
-    assert found.points_on_target.shape == (0, 3) and found.pixels.shape == (0, 2)
+    found = find_marks(picture, Target("box", charuco_box()))
+    assert found.marks.shape == (0,) and found.pixels.shape == (0, 2)
 
 
 def test_pictures_of_more_than_8_bits_are_refused() -> None:
     with pytest.raises(UsageError, match="8-bit"):
-        find_charuco_corners(np.zeros((10, 10), np.uint16), charuco_box())
+        find_marks(np.zeros((10, 10), np.uint16), Target("box", charuco_box()))
