@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import dataclasses
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -98,10 +97,10 @@ def _calibrate(args: argparse.Namespace, folder: Path, camera: Camera, executor:
     from scipy.spatial.transform import Rotation
 
     from fullsphere.model.calibration.calibrate import calibrate
-    from fullsphere.model.calibration.detect import find_charuco_corners
+    from fullsphere.model.calibration.photos import Photo, views_of_photos
     from fullsphere.model.calibration.points import read_points
     from fullsphere.model.calibration.record import save_calibration
-    from fullsphere.model.circle import brightest, find_circle, within_circle
+    from fullsphere.model.calibration.targets import Target
     from fullsphere.model.images import read_picture
     from fullsphere.mosaic.worlds import charuco_box, photograph, target_scene
 
@@ -113,12 +112,12 @@ def _calibrate(args: argparse.Namespace, folder: Path, camera: Camera, executor:
     )
     _write_picture(folder / "target.png", photo, args)
     console.say(args, "finding its corners and calibrating")
-    points, pixels = find_charuco_corners(read_picture(folder / "target.png").pixels, boards)
+    saved = Photo("target.png", lambda: read_picture(folder / "target.png").pixels)
+    seen = views_of_photos([saved], Target("box", boards))
+    points, pixels = seen.views[0].points_on_target, seen.views[0].pixels
     _write_points(folder / "points.csv", "target.png", points, pixels, args)
     calibration = calibrate(read_points(folder / "points.csv"), camera.size)
-    calibration = dataclasses.replace(
-        calibration, camera=within_circle(calibration.camera, find_circle(brightest([photo])))
-    )
+    calibration = calibration.within(seen.circle)
     save_calibration(folder / "camera.json", calibration, [folder / "points.csv"], args.overwrite)
     lowest, highest = calibration.observed_theta_deg
     console.say(

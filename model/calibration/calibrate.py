@@ -15,6 +15,7 @@ from fullsphere.model.calibration.points import LeftOut, Poses, Sightings, View
 from fullsphere.model.calibration.robust import Fit, robust_fit
 from fullsphere.model.calibration.solve import descend
 from fullsphere.model.camera import Camera
+from fullsphere.model.circle import ImageCircle, within_circle
 from fullsphere.model.errors import GeometryError, UsageError
 from fullsphere.model.lens import LENSES, FloatArray, Lens, angle_of_radius
 
@@ -80,6 +81,10 @@ class Calibration:
         """(P, P) in the order of `camera.parameter_names`; for a curve's errors use `covariance_factor`."""
         covariance: FloatArray = self.covariance_factor @ self.covariance_factor.T
         return covariance
+
+    def within(self, circle: ImageCircle | None) -> Calibration:
+        """The calibration with the camera's field of view ended at the image circle, where it reached further."""
+        return dataclasses.replace(self, camera=within_circle(self.camera, circle))
 
     @property
     def rms_px(self) -> float:

@@ -31,7 +31,7 @@ _STEP = 0.02  # squares, of the differences that tell the shape of a mark's surr
 _LEAST_SQUARE_PX = 4.0  # across its thinner side: below, a crossing has too few pixels
 _MOST_SHIFT = 0.25  # squares between a corrected prediction and the fit: a neighbouring corner is 1 away
 _ROUNDS = 12
-_NEIGHBOURS = 6
+_NEIGHBOURS = 3  # that a plane is laid through
 _BESIDE = 1.6  # squares: marks that correct the prediction of one another
 _WINDOWS_DEG = ((0, 0), (55, 0), (-55, 0), (0, 55), (0, -55), (50, 45), (-50, 45), (50, -45), (-50, -45))
 _WINDOW_FIELD_DEG, _MOST_WINDOW_PX = 90.0, 2500
@@ -74,14 +74,16 @@ def search_again(
     """
     if isinstance(target.boards[0], CirclesGrid):
         return found
-    _, light = grey_and_light(picture)
+    grey, light = grey_and_light(picture)
+    # a blurred edge is symmetrical in light; not every camera's pixel values are sRGB, so both readings are tried
+    readings = (light, np.asarray(grey / 255, np.float32))
     marks, pixels = [], []
     ends = [*target.first_marks[1:], len(target.points)]
     for board, first, end in zip(target.boards, target.first_marks, ends, strict=True):
         own = (found.marks >= first) & (found.marks < end)
-        seen = _seen_on(
-            light, board, camera, camera_from_target, translation, found.marks[own] - first, found.pixels[own]
-        )
+        local = _predicted(board, crossings_of(board), camera, camera_from_target, translation)
+        known = MarksFound(found.marks[own] - first, found.pixels[own])
+        seen, _ = min((_seen_on(reading, board, local, known) for reading in readings), key=lambda result: result[1])
         marks.append(seen.marks + first)
         pixels.append(seen.pixels)
     return MarksFound(np.concatenate(marks), np.concatenate(pixels))
@@ -111,28 +113,20 @@ def find_rectified(picture: NDArray[np.uint8], target: Target, camera: Camera) -
 
 
 def _seen_on(
-    light: NDArray[np.float32],
-    board: Board,
-    camera: Camera,
-    camera_from_target: FloatArray,
-    translation: FloatArray,
-    known: NDArray[np.intp],
-    pixels: FloatArray,
-) -> MarksFound:
-    """The marks of a board: grown from the known ones, round by round."""
+    light: NDArray[np.float32], board: Board, local: _Surroundings, known: MarksFound
+) -> tuple[MarksFound, float]:
+    """The marks of a board, grown from the known ones round by round, and how well they fit (median misfit)."""
     crossings = crossings_of(board)
-    local = _predicted(board, crossings, camera, camera_from_target, translation)
     visible = _visible(local, light.shape)
     measured = np.full(local.pixels.shape, np.nan)
-    measured[known] = pixels
+    measured[known.marks] = known.pixels
     measured = _grown(light, crossings, local, visible, measured)
-    have = np.flatnonzero(np.isfinite(measured).all(1) & visible)
-    again = _fitted(light, crossings, local, have, measured[have])
-    measured[have] = np.where(
-        np.isfinite(again), again, measured[have]
-    )  # with the bend of the lines: see `fit_saddles`
+    have = np.flatnonzero(np.asarray(np.isfinite(measured).all(1)) & visible)
+    again, misfit = _fitted(light, crossings, local, have, measured[have])
+    good = np.asarray(np.isfinite(again).all(1))
+    measured[have[good]] = again[good]
     found = np.flatnonzero(np.isfinite(measured).all(1))
-    return MarksFound(found.astype(np.intp), measured[found])
+    return MarksFound(found, measured[found]), float(np.median(misfit[good])) if good.any() else math.inf
 
 
 def _grown(
@@ -144,18 +138,20 @@ def _grown(
 ) -> FloatArray:
     """The marks (n, 2), NaN where none was measured, with those added that others lead to."""
     tried = np.zeros(len(measured), np.intp)
-    near = cKDTree(crossings.places).query_ball_point(crossings.places, _BESIDE)
+    near: list[list[int]] = list(cKDTree(crossings.places).query_ball_point(crossings.places, _BESIDE))
     for _ in range(_ROUNDS):
-        have = np.isfinite(measured).all(1)
+        have = np.asarray(np.isfinite(measured).all(1))
         support = np.array([int(have[beside].sum()) for beside in near])
         wanted = np.flatnonzero(visible & ~have & (support > tried))
         if not wanted.size:
             break
         tried[wanted] = support[wanted]  # a mark is tried again when it has more neighbours to go by
         off = measured - local.pixels
-        start = local.pixels[wanted] + [_offset(mark, crossings.places, near[mark], off, have) for mark in wanted]
+        known = [[m for m in list(beside) if have[m]] for beside in near]
+        moved = [_offset(mark, crossings.places, known[mark], off) for mark in wanted.tolist()]
+        start = local.pixels[wanted] + np.array(moved)
         measured = measured.copy()
-        measured[wanted] = _fitted(light, crossings, local, wanted, start)
+        measured[wanted], _ = _fitted(light, crossings, local, wanted, start)
     return measured
 
 
@@ -165,12 +161,12 @@ def _fitted(
     local: _Surroundings,
     marks: NDArray[np.intp],
     start: FloatArray,
-) -> FloatArray:
-    """Where marks (n,) are (n, 2), looked for near `start`; NaN where no mark is."""
+) -> tuple[FloatArray, FloatArray]:
+    """Where marks (n,) are (n, 2), looked for near `start`, NaN where no mark is; and the misfit (n,) of each."""
     steps = local.steps[marks]
     fitted = fit_crossings(light, crossings, start, steps, local.bends[marks])
     good = credible(crossings, marks, start, steps, fitted, _MOST_SHIFT)
-    return np.where(good[:, None], fitted.pixels, np.nan)
+    return np.where(good[:, None], fitted.pixels, np.nan), fitted.misfit
 
 
 def _predicted(
@@ -198,17 +194,16 @@ def _visible(local: _Surroundings, picture: tuple[int, ...]) -> NDArray[np.bool_
     return np.asarray(ok & (thinner >= _LEAST_SQUARE_PX))
 
 
-def _offset(mark: int, places: FloatArray, near: list[int], off: FloatArray, have: NDArray[np.bool_]) -> FloatArray:
+def _offset(mark: int, places: FloatArray, beside: list[int], off: FloatArray) -> FloatArray:
     """How far a mark lies off its prediction (2,), by what its measured neighbours do: a plane through them if it can.
 
     A plane is taken where the neighbours surround a corner of it; a mean where they are few or in a line.
     """
-    beside = np.array([m for m in near if have[m]], np.intp)
-    if not beside.size:
+    if not beside:
         return np.zeros(2)
     mean: FloatArray = off[beside].mean(0)
     arms = places[beside] - places[mark]
-    if beside.size >= _NEIGHBOURS // 2 and np.linalg.matrix_rank(arms - arms.mean(0), tol=0.3) == 2:
+    if len(beside) >= _NEIGHBOURS and np.linalg.matrix_rank(arms - arms.mean(0), tol=0.3) == 2:
         plane = np.linalg.lstsq(np.column_stack([np.ones(len(arms)), arms]), off[beside], rcond=None)[0]
         return np.asarray(plane[0], float)
     return mean
@@ -226,7 +221,7 @@ def _window(
     v, u = np.indices((side, side), dtype=float)
     rays = np.stack([u - (side - 1) / 2, v - (side - 1) / 2, np.full_like(u, focal)], -1) @ turn.T
     source = camera.project(rays).astype(np.float32)
-    inside = np.isfinite(source).all(-1)
+    inside = np.asarray(np.isfinite(source).all(-1))
     if np.mean(inside) < 0.2:
         return None, (turn, focal, side)
     source = np.where(inside[..., None], source, np.float32(-10.0))
