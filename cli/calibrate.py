@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fullsphere.cli import console
-from fullsphere.cli.calibrating import Found, Measured, add_lens_arguments, calibrated, measure_photos
+from fullsphere.cli.calibrating import Found, Measured, add_lens_arguments, calibrated, measure_photos, target_file
 
 if TYPE_CHECKING:
     from fullsphere.model.calibration.calibrate import Calibration
@@ -112,8 +112,7 @@ def _check_given(args: argparse.Namespace) -> None:
 
 
 def _inputs(args: argparse.Namespace) -> list[Path]:
-    target = [Path(args.target)] if args.target and Path(args.target).is_file() else []
-    return [*args.photos, *([args.points] if args.points else []), *target]
+    return [*args.photos, *([args.points] if args.points else []), *target_file(args)]
 
 
 def _measured(args: argparse.Namespace) -> Measured:
@@ -172,7 +171,7 @@ def _lines(args: argparse.Namespace, calibration: Calibration, measured: Measure
     lines = _lens_table(found.selection) if found.selection is not None else []
     lines += [
         f"{args.output}: {camera.lens.projection} lens, rms {calibration.rms_px:.4f} px over "
-        f"{calibration.points} points in {len(calibration.views)} views"
+        f"{calibration.points} points in {console.counted(len(calibration.views), 'view')}"
         + (
             f" ({calibration.rms_with_rejected_px:.4f} px with {calibration.rejected} rejected points)"
             if calibration.rejected

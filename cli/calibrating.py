@@ -57,6 +57,11 @@ def is_table(paths: Sequence[Path]) -> bool:
     return len(paths) == 1 and paths[0].suffix.lower() == ".csv"
 
 
+def target_file(args: argparse.Namespace) -> list[Path]:
+    """The file that describes the target, if it is one."""
+    return [Path(args.target)] if args.target and Path(args.target).is_file() else []
+
+
 def measure_photos(args: argparse.Namespace, photos: Sequence[Path]) -> Measured:
     """Find the target in photos; those without it are warned of."""
     from fullsphere.model.calibration.photos import views_of_photos

@@ -18,6 +18,11 @@ def say(args: argparse.Namespace, text: str) -> None:
         messages.note(text)
 
 
+def counted(number: int, what: str) -> str:
+    """A number with its noun, in the plural where there are several."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
 def report(args: argparse.Namespace, summary: dict[str, Any], lines: Sequence[str]) -> None:
     """Print the result: one JSON object with --json, else lines for people."""
     print(json.dumps(summary, indent=2, sort_keys=True) if args.json else "\n".join(lines))  # noqa: T201

@@ -59,8 +59,8 @@ def run(args: argparse.Namespace) -> int:
         f"{'':34}{'measured':>10}",
         *(f"{name:34}{_figure(value):>10} {unit}" for name, value, unit in rows),
         "",
-        f"{folder}: target.png, points.csv, frame_*.jpg, camera.json, mosaic.json, panorama.tif, preview.png "
-        f"({time.monotonic() - started:.0f} s)",
+        f"{folder}: target.png, target.json, points.csv, frame_*.jpg, camera.json, mosaic.json, panorama.tif, "
+        f"preview.png ({time.monotonic() - started:.0f} s)",
     ]
     console.report(args, {"folder": str(folder), **{_key(n, u): v for n, v, u in rows}}, lines)
     return console.done(args, with_warnings=len(mosaic.registered) < len(mosaic.frames))
@@ -100,6 +100,7 @@ def _calibrate(args: argparse.Namespace, folder: Path, camera: Camera, executor:
     from fullsphere.model.calibration.photos import Photo, views_of_photos
     from fullsphere.model.calibration.points import read_points
     from fullsphere.model.calibration.record import save_calibration
+    from fullsphere.model.calibration.target_file import save_target
     from fullsphere.model.calibration.targets import Target
     from fullsphere.model.images import read_picture
     from fullsphere.mosaic.worlds import charuco_box, photograph, target_scene
@@ -113,7 +114,9 @@ def _calibrate(args: argparse.Namespace, folder: Path, camera: Camera, executor:
     _write_picture(folder / "target.png", photo, args)
     console.say(args, "finding its corners and calibrating")
     saved = Photo("target.png", lambda: read_picture(folder / "target.png").pixels)
-    seen = views_of_photos([saved], Target("box", boards))
+    target = Target("the box", boards)
+    save_target(folder / "target.json", target, args.overwrite)
+    seen = views_of_photos([saved], target)
     points, pixels = seen.views[0].points_on_target, seen.views[0].pixels
     _write_points(folder / "points.csv", "target.png", points, pixels, args)
     calibration = calibrate(read_points(folder / "points.csv"), camera.size)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fullsphere.cli import console, messages
+from fullsphere.cli.calibrating import Measured, add_lens_arguments, calibrated, is_table, measure_photos, target_file
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -21,6 +22,8 @@ examples:
   fullsphere stitch IMG_*.jpg -o pano.jpg                          the lens is found from the frames themselves
   fullsphere stitch IMG_*.jpg -o pano.tif --camera camera.json     with a lens calibrated before
   fullsphere stitch IMG_*.jpg -o pano.tif --calibrate points.csv   calibrated first, from known points
+  fullsphere stitch IMG_*.jpg -o pano.tif --calibrate BOARD_*.jpg --target chessboard:6x8:30mm
+                                                                   calibrated first, from photos of a target
 """
 
 
@@ -40,11 +43,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the calibrated camera; without it the lens is found from the frames",
     )
     lens.add_argument(
-        "--calibrate", type=Path, metavar="POINTS.csv", help="calibrate first, from known 3D points and their pixels"
+        "--calibrate",
+        nargs="+",
+        type=Path,
+        metavar="FILE",
+        help="calibrate first: from photos of a --target, or from one CSV of known 3D points and their pixels",
     )
-    parser.add_argument(
-        "--lens", default="bakstein-pajdla", metavar="NAME", help="lens for --calibrate (default: %(default)s)"
-    )
+    add_lens_arguments(parser)
     parser.add_argument(
         "--size",
         type=int,
@@ -67,17 +72,20 @@ def run(args: argparse.Namespace) -> int:
     from fullsphere.mosaic.stitch import solve
     from fullsphere.mosaic.store import save_mosaic
 
+    _check_given(args)
     surface = Equirectangular(console.panorama_size(args.size))
     check_panorama(args.output, surface.size, 4, np.uint8)
-    inputs = [*args.frames, *(path for path in (args.camera, args.calibrate) if path)]
+    inputs = [*args.frames, *([args.camera] if args.camera else []), *(args.calibrate or []), *target_file(args)]
     for output in filter(None, (args.output, args.mosaic)):
         check_output(output, args.overwrite, inputs)
     with thread_pool(args.threads) as executor:
+        measured = _measured(args)
         camera = _given_camera(args)
         progress = console.progress(args)
-        frames = open_frames(args.frames, camera.size if camera else None, executor, progress)
+        size = camera.size if camera else measured.image_size if measured else None
+        frames = open_frames(args.frames, size, executor, progress)
         if args.calibrate:
-            camera = _calibrated(args, frames)
+            camera = _calibrated(args, measured, frames)
         mosaic = solve(frames, camera, executor, progress)
         write_panorama(args.output, mosaic, surface, executor, args)
         if args.mosaic:
@@ -95,16 +103,34 @@ def _given_camera(args: argparse.Namespace) -> Camera | None:
     return load_camera(args.camera) if args.camera else None
 
 
-def _calibrated(args: argparse.Namespace, frames: list[Frame]) -> Camera:
-    from fullsphere.model.calibration.calibrate import calibrate
+def _check_given(args: argparse.Namespace) -> None:
+    from fullsphere.model.errors import UsageError
+
+    if args.target and not args.calibrate:
+        raise UsageError("--target says what is in the photos of --calibrate; give those too")
+    if args.target and is_table(args.calibrate):
+        raise UsageError("--target is for photos; a table of points holds its target's coordinates itself")
+
+
+def _measured(args: argparse.Namespace) -> Measured | None:
+    """The views in photos of a target; None where there are none, or a table has them, which does not tell its size."""
+    return measure_photos(args, args.calibrate) if args.calibrate and not is_table(args.calibrate) else None
+
+
+def _calibrated(args: argparse.Namespace, measured: Measured | None, frames: list[Frame]) -> Camera:
     from fullsphere.model.calibration.points import read_points
-    from fullsphere.model.circle import within_circle
     from fullsphere.mosaic.register import common_circle
 
-    size = next(frame.size for frame in frames if not frame.reason)
-    calibration = calibrate(read_points(args.calibrate), size, args.lens)
-    console.say(args, f"calibrated from {args.calibrate}: {calibration.rms_px:.4f} px rms")
-    return within_circle(calibration.camera, common_circle([frame for frame in frames if not frame.reason]))
+    good = [frame for frame in frames if not frame.reason]
+    if measured is None:
+        measured = Measured(read_points(args.calibrate[0]), good[0].size)
+    calibration = calibrated(args, measured).calibration
+    console.say(
+        args,
+        f"calibrated from {console.counted(len(calibration.views), 'view')}: "
+        f"{calibration.camera.lens.projection} lens, {calibration.rms_px:.4f} px rms",
+    )
+    return calibration.within(measured.circle).within(common_circle(good)).camera
 
 
 def write_panorama(path: Path, mosaic: Mosaic, surface: Any, executor: Executor, args: argparse.Namespace) -> None:

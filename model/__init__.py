@@ -8,9 +8,17 @@ from typing import TYPE_CHECKING
 from fullsphere.model.lazy import offer
 
 if TYPE_CHECKING:
-    from fullsphere.model.calibration.calibrate import Calibration, calibrate, curve_of
+    from fullsphere.model.calibration.assess import Assessment, assess
+    from fullsphere.model.calibration.boards import AprilGrid, CharucoBoard, Chessboard, CirclesGrid
+    from fullsphere.model.calibration.calibrate import Calibration, calibrate, curve_of, locate
+    from fullsphere.model.calibration.difference import Difference, difference
+    from fullsphere.model.calibration.photos import Photo, PhotoViews, views_of_photos
     from fullsphere.model.calibration.points import View, read_points
+    from fullsphere.model.calibration.ray_errors import ray_sigma
     from fullsphere.model.calibration.record import save_calibration
+    from fullsphere.model.calibration.select import Selection, select
+    from fullsphere.model.calibration.target_file import load_target, parse_target, save_target
+    from fullsphere.model.calibration.targets import Target
     from fullsphere.model.camera import Camera, Projection
     from fullsphere.model.lens import (
         LENSES,
@@ -37,10 +45,16 @@ if TYPE_CHECKING:
 
 __all__ = [
     "LENSES",
+    "AprilGrid",
+    "Assessment",
     "BaksteinPajdla",
     "Brown",
     "Calibration",
     "Camera",
+    "CharucoBoard",
+    "Chessboard",
+    "CirclesGrid",
+    "Difference",
     "DoubleSphere",
     "EnhancedUnifiedCamera",
     "Equidistant",
@@ -50,28 +64,71 @@ __all__ = [
     "Lens",
     "Orthographic",
     "Perspective",
+    "Photo",
+    "PhotoViews",
     "Projection",
     "RayTable",
     "ScaledStereographic",
     "Scaramuzza",
+    "Selection",
     "Stereographic",
+    "Target",
     "Thoby",
     "UnifiedCamera",
     "View",
+    "assess",
     "calibrate",
     "curve_of",
+    "difference",
     "load_camera",
+    "load_target",
+    "locate",
+    "parse_target",
+    "ray_sigma",
     "read_points",
     "remap",
     "save_calibration",
     "save_camera",
+    "save_target",
+    "select",
     "tabulate",
+    "views_of_photos",
 ]
 
 offer(
     __name__,
     {
-        "calibration.calibrate": ("Calibration", "calibrate", "curve_of"),
+        "calibration.assess": (
+            "Assessment",
+            "assess",
+        ),
+        "calibration.boards": (
+            "AprilGrid",
+            "CharucoBoard",
+            "Chessboard",
+            "CirclesGrid",
+        ),
+        "calibration.difference": (
+            "Difference",
+            "difference",
+        ),
+        "calibration.photos": (
+            "Photo",
+            "PhotoViews",
+            "views_of_photos",
+        ),
+        "calibration.ray_errors": ("ray_sigma",),
+        "calibration.select": (
+            "Selection",
+            "select",
+        ),
+        "calibration.target_file": (
+            "load_target",
+            "parse_target",
+            "save_target",
+        ),
+        "calibration.targets": ("Target",),
+        "calibration.calibrate": ("Calibration", "calibrate", "curve_of", "locate"),
         "calibration.points": ("View", "read_points"),
         "calibration.record": ("save_calibration",),
         "camera": ("Camera", "Projection"),

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.calibration.linear_pose import linear_poses
+from fullsphere.model.calibration.observability import weakest
 from fullsphere.model.calibration.points import LeftOut, Poses, Sightings, View
 from fullsphere.model.calibration.robust import Fit, robust_fit
 from fullsphere.model.calibration.solve import descend
@@ -168,7 +169,7 @@ def calibrate(
     fit = robust_fit(views, image_size, kind, centre=centre, bow=bow, reject=reject, progress=progress)
     _check_fit(fit)
     calibration = _described(fit, half_fov)
-    _check_determined(calibration)
+    _check_determined(calibration, fit)
     return calibration
 
 
@@ -277,13 +278,13 @@ def _check_fit(fit: Fit) -> None:
         )
 
 
-def _check_determined(calibration: Calibration) -> None:
+def _check_determined(calibration: Calibration, fit: Fit) -> None:
     outermost = math.radians(calibration.observed_theta_deg[1])
     radius = float(calibration.camera.lens.radius(outermost))
     sigma = float(_sigma_of_radius(calibration, np.array([outermost]))[0])
     if sigma > _UNDETERMINED * radius:
+        worst = weakest(fit.solution.camera, fit.rays[fit.used], fit.sightings.view[fit.used])
         raise GeometryError(
             f"calibration: these points do not determine the lens: r({math.degrees(outermost):.0f} degrees) = "
-            f"{radius:.0f} px comes out with a standard deviation of {sigma:.3g} px. Add views from other distances "
-            "and directions, or points at several depths"
+            f"{radius:.0f} px comes out with a standard deviation of {sigma:.3g} px; {worst.text}"
         )

@@ -13,7 +13,7 @@ from fullsphere.model.lens import FloatArray, Lens, Parameter
 
 _FAR = 0.01  # of the outermost radius: an rms misfit of a lens that is no start yet
 _NOT_QUITE = 0.97  # of a lens's domain: nearer to its end a curve is too steep to be fitted
-_FOLLOWED = 8  # lenses of the grid that a descent starts from
+_FOLLOWED = 5  # lenses of the grid that a descent starts from
 _STEPS = 60  # of a descent on a curve
 _POSITIVE = (1.05, 1.15, 1.3, 1.6, 2.0, 3.0, 5.0, 9.0)  # grid for a lens parameter without an upper bound
 
