@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from typing import Protocol
@@ -21,6 +22,7 @@ from fullsphere.model.table import tabulate
 from fullsphere.model.workers import ordered_map
 
 _SAMPLES_AT_ONCE = 1 << 19  # bounds the memory of a strip to some tens of megabytes
+_BLUR_REACH = 4  # standard deviations: what lies further away weighs 6e-5
 
 
 class Scene(Protocol):
@@ -79,6 +81,7 @@ def photograph(
     *,
     exposure_ev: float = 0.0,
     vignetting: tuple[float, float] = (0.0, 0.0),
+    blur_px: float = 0.0,
     noise: float = 0.0,
     seed: int = 0,
     supersampling: int = 2,
@@ -98,6 +101,8 @@ def photograph(
         Light is multiplied by 2**exposure_ev; what comes over 1 is clipped.
     vignetting
         (v1, v2): light is multiplied by 1 + v1 s + v2 s^2, s = (theta/half_fov)^2.
+    blur_px
+        Standard deviation of the optics' Gaussian blur, over that of the pixels' own area.
     noise
         Standard deviation at light 1; it grows with the square root of the light, as counted photons do.
     seed
@@ -114,12 +119,22 @@ def photograph(
     table = tabulate(camera)
     world_from_camera = np.asarray(camera_from_world, float).T
     gain = 2.0**exposure_ev
+    reach = math.ceil(_BLUR_REACH * blur_px)
 
-    def strip(rows: slice) -> NDArray[np.uint8]:
+    def sharp(rows: slice) -> NDArray[np.float32]:
         rays = table.unproject(_sample_pixels(camera.size[0], rows, supersampling)) @ world_from_camera.T
         light = _averaged(scene.radiance(rays), supersampling)
         centres = table.unproject(_sample_pixels(camera.size[0], rows, 1))[..., 2]
         light *= (gain * _falloff(centres, camera.half_fov, vignetting))[..., None]
+        return light
+
+    def strip(rows: slice) -> NDArray[np.uint8]:
+        if blur_px > 0:
+            above, below = min(reach, rows.start), min(reach, camera.size[1] - rows.stop)
+            blurred = _blurred(sharp(slice(rows.start - above, rows.stop + below)), blur_px, reach)
+            light = blurred[above : len(blurred) - below]
+        else:
+            light = sharp(rows)
         if noise > 0:
             random = np.random.default_rng([seed, rows.start])
             light += noise * np.sqrt(light) * random.standard_normal(light.shape, np.float32)
@@ -189,6 +204,12 @@ def _averaged(samples: NDArray[np.float32], supersampling: int) -> NDArray[np.fl
         return samples
     height, width = samples.shape[0] // supersampling, samples.shape[1] // supersampling
     return np.asarray(cv2.resize(samples, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _blurred(light: NDArray[np.float32], sigma_px: float, reach: int) -> NDArray[np.float32]:
+    side = 2 * reach + 1
+    blurred = cv2.GaussianBlur(light, (side, side), sigma_px, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(blurred, np.float32)
 
 
 def _falloff(z: FloatArray, half_fov: float, vignetting: tuple[float, float]) -> NDArray[np.float32]:

@@ -1,21 +1,24 @@
-"""A known three-dimensional calibration target: ChArUco boards on the inside of an open box round the camera."""
+"""Calibration targets with known truth: any target's boards as they are printed, a box of boards, photos of them."""
 
 from __future__ import annotations
 
-import cv2
+import math
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
-from fullsphere.model.calibration.board import Placement
-from fullsphere.model.calibration.boards import CharucoBoard, marker_dictionary
+from fullsphere.model.calibration.board import Artwork, Board, Placement
+from fullsphere.model.calibration.boards import CharucoBoard
+from fullsphere.model.calibration.targets import Target
+from fullsphere.model.camera import Camera
 from fullsphere.model.lens import FloatArray
-from fullsphere.mosaic.world_panels import Light, Panel, PanelScene
+from fullsphere.mosaic.photographer import photograph
+from fullsphere.mosaic.world_sheets import Sheet, SheetScene, inked
 
-PAPER, INK = 0.8, 0.05
-"""Reflectance of the boards' paper and ink."""
-
-_TEXELS = 80  # along a square: somewhat finer than the pixels of the photos it is made for
-_MARGIN = 0.25  # of a square: white paper round the chessboard
+_TEXELS = 1300  # along the longer side of a sheet, unless another size is asked for
 
 
 def charuco_box() -> tuple[CharucoBoard, ...]:
@@ -41,44 +44,76 @@ def charuco_box() -> tuple[CharucoBoard, ...]:
     return tuple(boards)
 
 
-def target_scene(boards: tuple[CharucoBoard, ...], camera_position_mm: ArrayLike) -> PanelScene:
-    """The boards under slightly uneven light, seen from a place (3,) in the target's frame."""
-    return PanelScene(tuple(_panel(board) for board in boards)).seen_from(camera_position_mm)
+def target_scene(
+    target: Target | Sequence[Board], camera_position_mm: ArrayLike, *, texel_mm: float | None = None
+) -> SheetScene:
+    """The boards of a target under slightly uneven light, seen from a place (3,) in the target's frame.
+
+    `texel_mm` should be about the spacing of the photo's samples on the nearest sheet: coarser blurs the print, finer
+    gives steps in its edges.  By default the longer side of a sheet has about 1300 texels.
+    """
+    boards = target.boards if isinstance(target, Target) else target
+    return SheetScene(tuple(_sheet(board, n, texel_mm) for n, board in enumerate(boards))).seen_from(camera_position_mm)
 
 
-def _panel(board: CharucoBoard) -> Panel:
-    texture = _printed(board)
-    texel_mm = board.square_mm / _TEXELS
-    sides = np.array(texture.shape[1::-1]) * texel_mm
-    corner = board.placement.lift(np.full(2, -_margin_texels() * texel_mm))
-    axes = board.placement.target_from_board[:3, :2]
-    return Panel(corner, axes[:, 0] * sides[0], axes[:, 1] * sides[1], texture * _uneven_light(board, texture.shape))
+def photograph_target(
+    target: Target | Sequence[Board],
+    camera: Camera,
+    camera_from_target: ArrayLike,
+    translation_mm: ArrayLike,
+    *,
+    texel_mm: float | None = None,
+    **photo: Any,
+) -> NDArray[np.uint8]:
+    """A photo of a target standing before the camera.
+
+    The pose is that of `Poses`: a point of the target has the ray  camera_from_target @ point + translation  in the
+    camera's frame, so its true pixel is `camera.project` of that.  `photo`: what `photograph` takes besides.
+    """
+    turn = np.asarray(camera_from_target, float)
+    scene = target_scene(target, -turn.T @ np.asarray(translation_mm, float), texel_mm=texel_mm)
+    return photograph(scene, camera, turn, **photo)
 
 
-def _margin_texels() -> int:
-    return round(_MARGIN * _TEXELS)
+def pose_before_camera(
+    board: Board,
+    distance_mm: float,
+    *,
+    theta_deg: float = 0.0,
+    phi_deg: float = 0.0,
+    tilt_deg: tuple[float, float] = (0.0, 0.0),
+    roll_deg: float = 0.0,
+) -> tuple[FloatArray, FloatArray]:
+    """The pose (3, 3), (3,) that puts the middle of a board's paper at a distance in a direction, facing the camera.
+
+    The direction is theta from the optical axis, phi from the picture's right to its bottom.  Facing means that the ray
+    to the middle meets the paper squarely; the board is then turned by `tilt_deg` about its x and y axes and by
+    `roll_deg` about that ray.  Meant for a flat board that is the whole target.
+    """
+    print_ = board.artwork()
+    middle = board.placement.lift((np.array(print_.lower) + print_.upper) / 2)
+    theta, phi = math.radians(theta_deg), math.radians(phi_deg)
+    to_direction = Rotation.from_rotvec(theta * np.array([-math.sin(phi), math.cos(phi), 0.0]))
+    turned = to_direction * Rotation.from_euler("ZYX", [roll_deg, tilt_deg[1], tilt_deg[0]], degrees=True)
+    camera_from_target = turned.as_matrix() @ board.placement.target_from_board[:3, :3].T
+    return camera_from_target, to_direction.apply([0.0, 0.0, distance_mm]) - camera_from_target @ middle
 
 
-def _printed(board: CharucoBoard) -> Light:
-    """Reflectance (h, w, 3) of the printed board with its margin; square borders fall between texels."""
-    dictionary = marker_dictionary(board.dictionary)
-    row, column = np.indices((board.squares_y, board.squares_x))
-    white = np.kron((row + column) % 2, np.ones((_TEXELS, _TEXELS))) > 0
-    side = round(_TEXELS * board.marker_mm / board.square_mm)
-    gap = (_TEXELS - side) // 2
-    for number, (i, j) in enumerate(board.marker_squares()):
-        marker = cv2.aruco.generateImageMarker(dictionary, board.first_id + number, side)
-        top, left = j * _TEXELS + gap, i * _TEXELS + gap
-        white[top : top + side, left : left + side] = marker > 127
-    reflectance = np.where(np.pad(white, _margin_texels(), constant_values=True), PAPER, INK)
-    return np.asarray(np.repeat(reflectance[..., None], 3, -1), np.float32)
+def _sheet(board: Board, number: int, texel_mm: float | None) -> Sheet:
+    artwork = board.artwork()
+    sides = np.subtract(artwork.upper, artwork.lower)
+    texel = _dividing(artwork, float(sides.max()) / _TEXELS if texel_mm is None else texel_mm)
+    return Sheet(board.placement, artwork.lower, artwork.upper, inked(artwork, texel), texel, _lamp(number))
 
 
-def _uneven_light(board: CharucoBoard, shape: tuple[int, ...]) -> Light:
-    """Light (h, w, 3) on a board: a slow ramp and a soft pool of light, a little warm, of its own on each board."""
-    random = np.random.default_rng(board.first_id)
-    v, u = np.meshgrid(np.linspace(-1, 1, shape[0]), np.linspace(-1, 1, shape[1]), indexing="ij")
-    slope: FloatArray = random.uniform(-0.12, 0.12, 2)
-    pool_u, pool_v = random.uniform(-0.5, 0.5, 2)
-    level = 0.82 + slope[0] * u + slope[1] * v + 0.14 * np.exp(-((u - pool_u) ** 2) - (v - pool_v) ** 2)
-    return np.asarray(level[..., None] * [1.02, 1.0, 0.95], np.float32)
+def _dividing(artwork: Artwork, texel_mm: float) -> float:
+    """The texel nearest to the one wanted of which the shortest edge has a whole number: edges fall between texels."""
+    edges = [np.hypot(*(polygon - np.roll(polygon, 1, 0)).T) for polygon in artwork.polygons]
+    shortest = float(min((edge.min() for edge in edges), default=texel_mm))
+    return shortest / max(1, round(shortest / texel_mm))
+
+
+def _lamp(number: int) -> FloatArray:
+    """A slow ramp and a soft pool of light, of its own on each board."""
+    random = np.random.default_rng(number)
+    return np.concatenate([random.uniform(-0.12, 0.12, 2), random.uniform(-0.5, 0.5, 2), [0.14]])
