@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fullsphere.model.calibration.linear_pose import linear_poses
 from fullsphere.model.calibration.observability import weakest
 from fullsphere.model.calibration.points import LeftOut, Poses, Sightings, View
+from fullsphere.model.calibration.reduction import inverse_factor
 from fullsphere.model.calibration.robust import Fit, robust_fit
 from fullsphere.model.calibration.solve import descend
 from fullsphere.model.camera import Camera
@@ -23,7 +24,6 @@ from fullsphere.model.lens import LENSES, FloatArray, Lens, angle_of_radius
 Progress = Callable[[Iterable[Any]], Iterable[Any]]
 """Wraps an iterable and shows how far it has come."""
 
-_NEAREST_SINGULAR = 1e-12  # of the largest singular value: what is less certain is reported as exactly that uncertain
 _HOPELESS = 0.02  # rms as a share of the picture's longer side: wrong points, or a lens of another kind
 _UNDETERMINED = 0.05  # sigma of r at the outermost point as a share of r: the lens is not observable
 
@@ -55,7 +55,7 @@ class Calibration:
     observed_theta_deg
         Smallest and largest angle from the axis at which a point was seen; beyond, the curve is extrapolated.
     covariance_factor
-        (P, P) F with covariance = F F^T of `camera.parameter_names`, poses marginalised, scaled by the residual
+        (P, F) matrix F with covariance = F F^T of `camera.parameter_names`, poses marginalised, scaled by the residual
         variance (degrees of freedom counted).  Errors of anything that follows from the camera are `norm(J @ F)` by
         row: the four values of a Bakstein-Pajdla lens are nearly interchangeable, and J @ covariance @ J^T loses
         every digit.
@@ -132,7 +132,8 @@ def calibrate(
     """Calibrate a camera from one or several views of one rigid target.
 
     Points more than six standard deviations from where the camera sees them take no part, nor do views of which fewer
-    than half the points agree with the others: both are named in the result.
+    than half the points agree with the others: both are named in the result.  From a single view pixels are taken as
+    square unless their aspect deviates from 1 by ten standard deviations.
 
     Parameters
     ----------
@@ -229,10 +230,18 @@ def _described(fit: Fit, half_fov: float | None) -> Calibration:
         fit.sightings.split(fit.used),
         fit.left_out,
         (math.degrees(lowest), math.degrees(highest)),
-        _inverse_factor(solution.triangle) * fit.sigma_px,
+        _factor(fit),
         fit.sigma_px,
         (float(solution.bow[0]), float(solution.bow[1])) if solution.bow.size else None,
     )
+
+
+def _factor(fit: Fit) -> FloatArray:
+    """The covariance factor; a value that was not solved for is certain."""
+    names = fit.solution.camera.parameter_names
+    factor = np.zeros((len(names), len(fit.free)))
+    factor[[names.index(name) for name in fit.free]] = inverse_factor(fit.solution.triangle) * fit.sigma_px
+    return factor
 
 
 def _field_of_view(camera: Camera, observed: float) -> float:
@@ -243,15 +252,6 @@ def _field_of_view(camera: Camera, observed: float) -> float:
         return observed
     reached = float(angle_of_radius(camera.lens, rim, camera.lens.theta_max * (1 - 1e-6)))
     return observed if math.isnan(reached) else max(observed, reached)
-
-
-def _inverse_factor(triangle: FloatArray) -> FloatArray:
-    """F with F F^T = (triangle^T triangle)^-1, by SVD of the triangle with columns scaled to length 1."""
-    scale = np.linalg.norm(triangle, axis=0)
-    scale[scale == 0] = 1.0
-    _, singular, vt = np.linalg.svd(triangle / scale)
-    factor: FloatArray = vt.T / np.maximum(singular, _NEAREST_SINGULAR * singular[0]) / scale[:, None]
-    return factor
 
 
 def _check_inside(sightings: Sightings, image_size: tuple[int, int]) -> None:

@@ -20,6 +20,7 @@ from fullsphere.model.lens import FloatArray
 
 POSE = 6  # unknowns of a view: rotation vector, translation
 _BLOCK_ROWS = 128
+_NEAREST_SINGULAR = 1e-12  # of the largest singular value: what is less certain is reported as exactly that uncertain
 
 
 def _upper(rows: FloatArray) -> FloatArray:
@@ -85,3 +86,12 @@ def promised_fall(triangles: FloatArray, poses: FloatArray, shared: FloatArray) 
     whole = np.concatenate([poses, np.broadcast_to(shared, (len(poses), shared.size))], 1)
     change = np.einsum("vij,vj->vi", triangles[..., :-1], whole)
     return -float(np.sum(change * (change + 2 * triangles[..., -1])))
+
+
+def inverse_factor(triangle: FloatArray) -> FloatArray:
+    """F with F F^T = (triangle^T triangle)^-1, by SVD of the triangle with columns scaled to length 1."""
+    scale = np.linalg.norm(triangle, axis=0)
+    scale[scale == 0] = 1.0
+    _, singular, vt = np.linalg.svd(triangle / scale)
+    factor: FloatArray = vt.T / np.maximum(singular, _NEAREST_SINGULAR * singular[0]) / scale[:, None]
+    return factor
