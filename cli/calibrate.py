@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fullsphere.cli import console
-from fullsphere.cli.calibrating import Found, Measured, add_lens_arguments, calibrated, measure_photos, target_file
+from fullsphere.cli.calibrating import (
+    Found,
+    Measured,
+    add_lens_arguments,
+    calibrated,
+    check_lens,
+    measure_photos,
+    target_file,
+)
 
 if TYPE_CHECKING:
     from fullsphere.model.calibration.calibrate import Calibration
@@ -77,6 +85,7 @@ def run(args: argparse.Namespace) -> int:
     from fullsphere.model.files import check_output
 
     _check_given(args)
+    check_lens(args)
     inputs = _inputs(args)
     check_output(args.output, args.overwrite, inputs)
     if args.report:

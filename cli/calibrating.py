@@ -52,6 +52,17 @@ def add_lens_arguments(parser: Any) -> None:
     parser.add_argument("--bow", action="store_true", help="the flat target may be bowed: solve for that too")
 
 
+def check_lens(args: argparse.Namespace) -> None:
+    """UsageError if there is no such lens, before anything long begins."""
+    from fullsphere.model.errors import UsageError
+    from fullsphere.model.lens import LENSES
+
+    if args.lens not in (AUTO, *LENSES):
+        raise UsageError(
+            f"there is no lens {args.lens!r}; the lenses are {', '.join(LENSES)}, or {AUTO} to compare them"
+        )
+
+
 def is_table(paths: Sequence[Path]) -> bool:
     """Whether what is given to calibrate from is a table of points, not photos."""
     return len(paths) == 1 and paths[0].suffix.lower() == ".csv"

@@ -7,7 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fullsphere.cli import console, messages
-from fullsphere.cli.calibrating import Measured, add_lens_arguments, calibrated, is_table, measure_photos, target_file
+from fullsphere.cli.calibrating import (
+    Measured,
+    add_lens_arguments,
+    calibrated,
+    check_lens,
+    is_table,
+    measure_photos,
+    target_file,
+)
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -73,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
     from fullsphere.mosaic.store import save_mosaic
 
     _check_given(args)
+    check_lens(args)
     surface = Equirectangular(console.panorama_size(args.size))
     check_panorama(args.output, surface.size, 4, np.uint8)
     inputs = [*args.frames, *([args.camera] if args.camera else []), *(args.calibrate or []), *target_file(args)]
