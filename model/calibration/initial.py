@@ -117,7 +117,8 @@ def find_starts(
             "calibration: no camera was found that sees the points where the pictures show them. Check that rows, "
             "units and picture size belong together, and that the target's coordinates are not mirrored"
         )
-    best = _closer(sightings, best._replace(agreeing=_agreeing(sightings, best.camera, best.poses, robust)))
+    best = _closer(sample, best)
+    best = best._replace(agreeing=_agreeing(sightings, best.camera, best.poses, robust))
     return [best._replace(camera=camera) for camera in _with_lenses(sightings, best, lens)]
 
 

@@ -14,7 +14,7 @@ from fullsphere.model.lens import FloatArray, Lens, Parameter
 _FAR = 0.01  # of the outermost radius: an rms misfit of a lens that is no start yet
 _NOT_QUITE = 0.97  # of a lens's domain: nearer to its end a curve is too steep to be fitted
 _FOLLOWED = 5  # lenses of the grid that a descent starts from
-_STEPS = 60  # of a descent on a curve
+_STEPS = 40  # of a descent on a curve
 _POSITIVE = (1.05, 1.15, 1.3, 1.6, 2.0, 3.0, 5.0, 9.0)  # grid for a lens parameter without an upper bound
 
 
@@ -107,7 +107,7 @@ def _followed(lens: Lens, theta: FloatArray, radius: FloatArray) -> Lens:
         if trial is None or not reached < misfit:
             damping *= 5
             continue
-        ended = misfit - reached < 1e-6 * misfit
+        ended = misfit - reached < 1e-4 * misfit
         lens, misfit, damping = trial, reached, damping / 5
         if ended:
             break
