@@ -113,7 +113,6 @@ def _as_8_bits(path: Path) -> Any:
 def calibrated(args: argparse.Namespace, measured: Measured, half_fov: float | None = None) -> Found:
     """The camera of the measured views; views and points that were rejected are warned of."""
     from fullsphere.model.calibration.calibrate import calibrate
-    from fullsphere.model.calibration.select import select
 
     options = {
         "half_fov": half_fov,
@@ -121,6 +120,8 @@ def calibrated(args: argparse.Namespace, measured: Measured, half_fov: float | N
         "centre": measured.circle.centre if measured.circle else None,
     }
     if args.lens == AUTO:
+        from fullsphere.model.calibration.select import select
+
         comparing = functools.partial(console.progress(args), title="comparing lenses")
         selection = select(measured.views, measured.image_size, progress=comparing, **options)
         found = Found(selection.calibration, selection)
