@@ -138,7 +138,8 @@ def _grown(
 ) -> FloatArray:
     """The marks (n, 2), NaN where none was measured, with those added that others lead to."""
     tried = np.zeros(len(measured), np.intp)
-    near: list[list[int]] = list(cKDTree(crossings.places).query_ball_point(crossings.places, _BESIDE))
+    tree = cKDTree(crossings.places)
+    near = [tree.query_ball_point(place, _BESIDE) for place in crossings.places]
     for _ in range(_ROUNDS):
         have = np.asarray(np.isfinite(measured).all(1))
         support = np.array([int(have[beside].sum()) for beside in near])
@@ -147,7 +148,7 @@ def _grown(
             break
         tried[wanted] = support[wanted]  # a mark is tried again when it has more neighbours to go by
         off = measured - local.pixels
-        known = [[m for m in list(beside) if have[m]] for beside in near]
+        known = [[m for m in beside if have[m]] for beside in near]
         moved = [_offset(mark, crossings.places, known[mark], off) for mark in wanted.tolist()]
         start = local.pixels[wanted] + np.array(moved)
         measured = measured.copy()

@@ -56,7 +56,7 @@ def _write_vnl(path: Path, rows: list[tuple[str, float, float, float, float]], s
     """Corners as mrcal reads them: every corner of every picture, row by row, "- -" where it was not seen."""
     left, top = min(row[1] for row in rows), min(row[2] for row in rows)
     seen = {(image, round((x - left) / spacing), round((y - top) / spacing)): (u, v) for image, x, y, u, v in rows}
-    columns, lines = (1 + max(key[axis] for key in seen) for axis in (1, 2))
+    columns, lines = 1 + max(key[1] for key in seen), 1 + max(key[2] for key in seen)
     text = ["# filename x y level"]
     for image in dict.fromkeys(row[0] for row in rows):
         for j in range(lines):
