@@ -107,7 +107,7 @@ def _find_on(light: NDArray[np.float32], board: CodedBoard, markers: Markers) ->
     marks, pixels, steps = [], [], []
     for mark, said in sorted(votes.items()):
         trusted = [vote for vote in said if vote.marker in confirmed and vote.own]
-        if trusted and all(_agree(trusted[0], vote) for vote in trusted[1:]):
+        if trusted and all(_agree(trusted[0], vote) for vote in trusted[1:]) and _supported(board, trusted[0], said):
             marks.append(mark)
             pixels.append(np.mean([vote.pixel for vote in trusted], axis=0))
             steps.append(np.mean([vote.step for vote in trusted], axis=0))
@@ -117,6 +117,16 @@ def _find_on(light: NDArray[np.float32], board: CodedBoard, markers: Markers) ->
     found = fit_crossings(light, crossings, expected, px_from_square)
     keep = credible(crossings, numbers, expected, px_from_square, found)
     return MarksFound(numbers[keep], found.pixels[keep])
+
+
+def _supported(board: CodedBoard, own: _Vote, said: list[_Vote]) -> bool:
+    """Whether a tag beside expects the corner of a tag there too.
+
+    A crossing of the same colours stands a gap away: a single outline drawn there would find it.  A chess corner is
+    far from the next of its colours.
+    """
+    beside = [vote for vote in said if vote.marker[0] != own.marker[0] and not vote.own]
+    return isinstance(board, CharucoBoard) or any(_agree(own, vote) for vote in beside)
 
 
 def _votes(board: CodedBoard, crossings: Crossings, markers: Markers) -> dict[int, list[_Vote]]:
