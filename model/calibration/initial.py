@@ -36,6 +36,7 @@ _HOPELESS = 0.02  # of the picture's longer side: a median error that no lens ex
 
 _NODES = 200  # of the curve that a lens is fitted to
 _AGREE = 4.0  # times the median error: a point further off is left to be judged by a better camera
+_NEAR_PX = 0.25  # a median error below this says how well the start's curve follows, not how good the points are
 
 
 class Start(NamedTuple):
@@ -166,6 +167,7 @@ def _agreeing(sightings: Sightings, camera: Camera, poses: Poses, robust: bool) 
         return np.ones(sightings.count, bool)
     distance = _distances(sightings, camera, poses)
     by_view = sightings.median_by_view(distance)
+    by_view = np.maximum(by_view, _NEAR_PX)
     limit = np.where(by_view <= _AGREE * np.median(by_view), _AGREE * by_view, -1.0)
     return np.asarray(distance <= limit[sightings.view])
 

@@ -26,8 +26,9 @@ from fullsphere.model.calibration.points import LeftOut, Sightings, View
 from fullsphere.model.calibration.reduction import POSE, inverse_factor
 from fullsphere.model.calibration.solve import Solution, solve
 from fullsphere.model.camera import Camera
-from fullsphere.model.errors import CameraError, GeometryError
+from fullsphere.model.errors import GeometryError
 from fullsphere.model.lens import FloatArray, Lens
+from fullsphere.model.radial import angle_of_radius
 
 _SQUARE = 10.0  # standard deviations from 1 that an aspect seen in one view needs
 _REJECT = 6.0  # standard deviations of a coordinate
@@ -165,11 +166,11 @@ def _fit(views: tuple[View, ...], sightings: Sightings, used: NDArray[np.bool_],
 
 
 def _reaching_far(camera: Camera) -> Camera:
-    """The camera with all the field of view that its lens has."""
-    try:
-        return dataclasses.replace(camera, half_fov=camera.lens.theta_max * (1 - 1e-6))
-    except CameraError:
-        return camera
+    """The camera with the field of view that its lens has in and around the picture: a tangent's radius has no end."""
+    most = camera.lens.theta_max * (1 - 1e-6)
+    radius = min(float(camera.lens.radius(most)), 2.0 * sum(camera.size))
+    reached = float(angle_of_radius(camera.lens, np.array(radius), most))
+    return dataclasses.replace(camera, half_fov=max(reached, camera.half_fov))
 
 
 def _spoilt(fit: Fit) -> bool:
