@@ -15,6 +15,7 @@ os.environ.pop("OIIO_LIBRARY_PATH", None)
 import contextlib
 import re
 import stat
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ OpenImageIO.attribute("threads", 1)
 
 __all__ = [
     "MAX_PIXELS",
+    "MAX_PIXELS_BY_REGION",
     "ImageInput",
     "ImageOutput",
     "ImageSpec",
@@ -41,12 +43,16 @@ __all__ = [
     "name_for_library",
     "one_line",
     "opened",
-    "read_pixels",
+    "read_part",
     "read_rows",
 ]
 
 MAX_PIXELS = 1 << 30
-"""The largest picture that is read, 32768 x 32768: far above any camera's, far below what a forged header claims."""
+"""The largest picture that is read whole, 32768 x 32768: far above any camera's, far below what a forged header claims.
+"""
+
+MAX_PIXELS_BY_REGION = 1 << 36
+"""The largest TIFF or OpenEXR picture that is read by region, 262144 x 262144."""
 
 READABLE = "JPEG, PNG, TIFF, OpenEXR, WebP, JPEG 2000 or JPEG XL"
 
@@ -69,11 +75,14 @@ _RAW_ENDING = re.compile(
 )
 _HEIF_ENDING = re.compile(r"\.(heic|heif|hif|avif)")
 _HEIF_BRANDS = frozenset((b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1", b"avif", b"avis"))
+_READ_BY_REGION = ("tiff", "openexr")
+_BYTES_OF_LARGEST = MAX_PIXELS_BY_REGION * 4 * 4  # four channels in floating point
+_size_limit = threading.Lock()
 _COLOUR_FILTER_ARRAY, _LINEAR_RAW = 32803, 34892  # TIFF photometric interpretations of sensor data
 
 
 @contextlib.contextmanager
-def opened(path: Path) -> Iterator[tuple[ImageInput, ImageSpec]]:
+def opened(path: Path, by_region: bool = False) -> Iterator[tuple[ImageInput, ImageSpec]]:
     """Open a picture for reading; give OpenImageIO's reader and the header, with size and kind within our limits.
 
     Pixels come as stored: not rotated, not multiplied by alpha.
@@ -82,7 +91,7 @@ def opened(path: Path) -> Iterator[tuple[ImageInput, ImageSpec]]:
     ------
     InputError
         If there is no such file, it is no picture, of a kind that is not read (RAW, HEIC), damaged in its header, or
-        claims to be larger than `MAX_PIXELS`.
+        claims to be larger than `MAX_PIXELS`; with `by_region`, a TIFF or OpenEXR file than `MAX_PIXELS_BY_REGION`.
     """
     with contextlib.ExitStack() as stack:
         with input_errors(path):
@@ -96,26 +105,36 @@ def opened(path: Path) -> Iterator[tuple[ImageInput, ImageSpec]]:
         kind = _kind_of(path, head)
         as_stored = ImageSpec()
         as_stored.attribute("oiio:UnassociatedAlpha", 1)
-        reader = ImageInput.open(name_for_library(path, file.fileno()), as_stored)
+        large = by_region and kind in _READ_BY_REGION
+        with _largest_picture() if large else contextlib.nullcontext():
+            reader = ImageInput.open(name_for_library(path, file.fileno()), as_stored)
         fault = library_fault()
         if reader is None:
             raise InputError(f"{path}: cannot be opened as {kind.upper()}: {one_line(fault)}")
         stack.callback(_close, reader)
         spec = reader.spec()
-        _check_header(path, kind, reader.format_name(), spec)
+        _check_header(path, kind, reader.format_name(), spec, MAX_PIXELS_BY_REGION if large else MAX_PIXELS)
         yield reader, spec
 
 
-def read_pixels(path: Path, reader: ImageInput, spec: ImageSpec, sample_type: str) -> NDArray[Any]:
-    """All pixels (h, w, c) of an opened picture; InputError if any part of it is damaged."""
-    return _sound(path, reader, reader.read_image(0, 0, 0, spec.nchannels, sample_type))
+def read_part(
+    path: Path, reader: ImageInput, spec: ImageSpec, box: tuple[int, int, int, int], sample_type: str, tiled: bool
+) -> NDArray[Any]:
+    """The samples (h, w, c) of a box (left, top, right, bottom) of an opened picture; InputError if any is damaged.
+
+    In a tiled file the box's borders are borders of tiles or of the picture; in another it is as wide as the picture.
+    """
+    left, top, right, bottom = box
+    x, y = spec.x, spec.y  # an OpenEXR file's own pixel coordinates need not begin with 0
+    if tiled:
+        columns, rows = (left + x, right + x), (top + y, bottom + y)
+        return _sound(path, reader, reader.read_tiles(*columns, *rows, 0, 1, 0, spec.nchannels, sample_type))
+    return _sound(path, reader, reader.read_scanlines(top + y, bottom + y, 0, 0, spec.nchannels, sample_type))
 
 
 def read_rows(path: Path, reader: ImageInput, spec: ImageSpec, y0: int, y1: int) -> NDArray[Any]:
     """Rows y0 to y1 of an opened picture in its own sample type; in a tiled file y0 starts a tile and y1 ends one."""
-    if spec.tile_height:
-        return _sound(path, reader, reader.read_tiles(0, spec.width, y0, y1, 0, 1, 0, spec.nchannels, spec.format))
-    return _sound(path, reader, reader.read_scanlines(y0, y1, 0, 0, spec.nchannels, spec.format))
+    return read_part(path, reader, spec, (0, y0, spec.width, y1), spec.format, spec.tile_height > 0)
 
 
 def _sound(path: Path, reader: ImageInput, pixels: NDArray[Any] | None) -> NDArray[Any]:
@@ -168,14 +187,29 @@ def _kind_of(path: Path, head: bytes) -> str:
     return kind
 
 
-def _check_header(path: Path, kind: str, opened_as: str, spec: ImageSpec) -> None:
+@contextlib.contextmanager
+def _largest_picture() -> Iterator[None]:
+    """Let the library open the largest picture that is read by region, while the block runs.
+
+    Its own limit is the memory of the machine, and the same for all pictures: other formats decode while they open.
+    """
+    with _size_limit:
+        before = OpenImageIO.get_int_attribute("limits:imagesize_MB")
+        OpenImageIO.attribute("limits:imagesize_MB", _BYTES_OF_LARGEST >> 20)
+        try:
+            yield
+        finally:
+            OpenImageIO.attribute("limits:imagesize_MB", before)
+
+
+def _check_header(path: Path, kind: str, opened_as: str, spec: ImageSpec, most_pixels: int) -> None:
     if opened_as != kind:
         raise InputError(f"{path}: begins as {kind.upper()} but only opens as {opened_as}; export it again")
     if spec.width < 1 or spec.height < 1 or spec.depth > 1 or spec.deep:
         raise InputError(f"{path}: is not a flat picture ({spec.width} x {spec.height} x {spec.depth})")
-    if spec.width * spec.height > MAX_PIXELS:
+    if spec.width * spec.height > most_pixels:
         raise InputError(
-            f"{path}: claims {spec.width} x {spec.height} pixels, more than the {MAX_PIXELS} that are read; "
+            f"{path}: claims {spec.width} x {spec.height} pixels, more than the {most_pixels} that are read; "
             "the file is damaged, or scale it down first"
         )
     if spec.get_int_attribute("tiff:PhotometricInterpretation") in (_COLOUR_FILTER_ARRAY, _LINEAR_RAW):

@@ -5,6 +5,7 @@ Pixels are in sensor coordinates, as stored: the EXIF orientation is kept beside
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,27 +15,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.colour import encoded_from_linear, linear_from_encoded
-from fullsphere.model.errors import InputError
-from fullsphere.model.image_library import ImageSpec, opened, read_pixels
+from fullsphere.model.image_library import opened
 from fullsphere.model.panorama_file import check_panorama, open_panorama
 from fullsphere.model.panorama_writers import PanoramaWriter
-from fullsphere.model.picture_metadata import CAPTURE_NAMES, gpano
+from fullsphere.model.picture_file import PictureFile, open_picture
+from fullsphere.model.picture_metadata import gpano
 from fullsphere.model.resources import require_memory
 
 __all__ = [
     "PanoramaWriter",
     "Picture",
+    "PictureFile",
     "check_panorama",
     "encoded_from_linear",
     "gpano",
     "linear_from_encoded",
     "open_panorama",
+    "open_picture",
     "picture_size",
     "read_picture",
 ]
-
-# What is asked of OpenImageIO for each type of sample in a file; integers of 32 bits hold no photograph.
-_SAMPLE_TYPES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float", "double": "float"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -78,49 +78,24 @@ def read_picture(path: Path) -> Picture:
         If its pixels do not fit into memory.
     """
     path = Path(path)
-    with opened(path) as (reader, spec):
-        sample_type = _SAMPLE_TYPES.get(str(spec.format))
-        if sample_type is None:
-            raise InputError(f"{path}: has {spec.format} samples; export it with 8 or 16 bits or in floating point")
-        if not (spec.nchannels in (1, 3, 4) or (spec.nchannels == 2 and spec.alpha_channel == 1)):
-            raise InputError(f"{path}: has {spec.nchannels} channels; export it as grey, RGB or RGBA")
-        require_memory(spec.width * spec.height * spec.nchannels * 4, f"{path}:", "scale the picture down")
-        pixels = read_pixels(path, reader, spec, sample_type)
-        if spec.nchannels == 2:
-            pixels = pixels[..., [0, 0, 0, 1]]
+    with contextlib.closing(PictureFile(path, by_region=False)) as file:
+        (width, height), sample_type = file.size, np.float32 if file.linear else file.dtype
+        channels = 4 if file.channels == 2 else file.channels
+        require_memory(width * height * channels * 4, f"{path}:", "scale the picture down")
+        pixels = np.empty((height, width, channels), sample_type)
+        for top, strip in file.strips():
+            pixels[top : top + len(strip)] = strip[..., [0, 0, 0, 1]] if file.channels == 2 else strip
         return Picture(
             path=path,
-            pixels=np.ascontiguousarray(pixels),
-            linear=sample_type == "float",
-            orientation=_orientation(spec),
-            icc_profile=_icc_profile(spec),
-            metadata=_capture_metadata(spec),
+            pixels=pixels,
+            linear=file.linear,
+            orientation=file.orientation,
+            icc_profile=file.icc_profile,
+            metadata=file.metadata,
         )
 
 
 def picture_size(path: Path) -> tuple[int, int]:
-    """Width and height in pixels, from the header alone; raises InputError as `read_picture` does."""
-    with opened(Path(path)) as (_, spec):
+    """Width and height in pixels, from the header alone; raises InputError as `open_picture` does."""
+    with opened(Path(path), by_region=True) as (_, spec):
         return spec.width, spec.height
-
-
-def _orientation(spec: ImageSpec) -> int:
-    orientation = int(spec.get_int_attribute("Orientation", 1))
-    return orientation if 1 <= orientation <= 8 else 1
-
-
-def _icc_profile(spec: ImageSpec) -> bytes | None:
-    profile = spec.getattribute("ICCProfile")
-    return None if profile is None else np.asarray(profile, np.uint8).tobytes()
-
-
-def _capture_metadata(spec: ImageSpec) -> dict[str, str | int | float]:
-    """The known capture attributes that hold something; control characters in texts, which are untrusted, dropped."""
-    found: dict[str, str | int | float] = {}
-    for name in CAPTURE_NAMES:
-        value = spec.getattribute(name)
-        if isinstance(value, str):
-            value = "".join(c for c in value if c.isprintable()).strip()[:500]
-        if isinstance(value, str | int | float) and value != "":
-            found[name] = value
-    return found
