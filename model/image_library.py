@@ -134,7 +134,7 @@ def read_part(
 
 def read_rows(path: Path, reader: ImageInput, spec: ImageSpec, y0: int, y1: int) -> NDArray[Any]:
     """Rows y0 to y1 of an opened picture in its own sample type; in a tiled file y0 starts a tile and y1 ends one."""
-    return read_part(path, reader, spec, (0, y0, spec.width, y1), spec.format, spec.tile_height > 0)
+    return read_part(path, reader, spec, (0, y0, spec.width, y1), str(spec.format), spec.tile_height > 0)
 
 
 def _sound(path: Path, reader: ImageInput, pixels: NDArray[Any] | None) -> NDArray[Any]:
