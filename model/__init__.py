@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from fullsphere.model.calibration.select import Selection, select
     from fullsphere.model.calibration.target_file import load_target, parse_target, save_target
     from fullsphere.model.calibration.targets import Target
-    from fullsphere.model.camera import Camera, Projection
+    from fullsphere.model.camera import Camera, FastProjection, Projection
+    from fullsphere.model.cube_map import CubeMap
     from fullsphere.model.lens import (
         LENSES,
         BaksteinPajdla,
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     )
     from fullsphere.model.remap import remap
     from fullsphere.model.store import load_camera, save_camera
-    from fullsphere.model.surface import Equirectangular
+    from fullsphere.model.surface import Cylindrical, Equirectangular, Mercator, Mosaic360
     from fullsphere.model.table import RayTable, tabulate
 
 __all__ = [
@@ -54,14 +55,19 @@ __all__ = [
     "CharucoBoard",
     "Chessboard",
     "CirclesGrid",
+    "CubeMap",
+    "Cylindrical",
     "Difference",
     "DoubleSphere",
     "EnhancedUnifiedCamera",
     "Equidistant",
     "Equirectangular",
     "Equisolid",
+    "FastProjection",
     "KannalaBrandt",
     "Lens",
+    "Mercator",
+    "Mosaic360",
     "Orthographic",
     "Perspective",
     "Photo",
@@ -131,7 +137,8 @@ offer(
         "calibration.calibrate": ("Calibration", "calibrate", "curve_of", "locate"),
         "calibration.points": ("View", "read_points"),
         "calibration.record": ("save_calibration",),
-        "camera": ("Camera", "Projection"),
+        "camera": ("Camera", "FastProjection", "Projection"),
+        "cube_map": ("CubeMap",),
         "lens": (
             "LENSES",
             "BaksteinPajdla",
@@ -152,7 +159,7 @@ offer(
         ),
         "remap": ("remap",),
         "store": ("load_camera", "save_camera"),
-        "surface": ("Equirectangular",),
+        "surface": ("Cylindrical", "Equirectangular", "Mercator", "Mosaic360"),
         "table": ("RayTable", "tabulate"),
     },
 )

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple, Protocol, Self, runtime_checkable
+from typing import Any, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from fullsphere.model.errors import CameraError
 from fullsphere.model.lens import FloatArray, Lens, angle_of_radius
@@ -37,6 +37,29 @@ class Projection(Protocol):
 
     def unproject(self, pixels: ArrayLike) -> FloatArray:
         """Pixels (..., 2) -> unit rays (..., 3), NaN outside the field of view."""
+        ...
+
+
+@runtime_checkable
+class FastProjection(Projection, Protocol):
+    """A projection whose functions are compiled loops over arrays: what pictures are resampled with.
+
+    As with every projection a position outside the picture's rectangle is the caller's question: `project` answers
+    it wherever the projection goes on past the border.
+    """
+
+    def project(self, rays: ArrayLike, rotation: ArrayLike | None = None, dtype: type = np.float64) -> NDArray[Any]:
+        """Rays (..., 3) -> pixels (..., 2) of `dtype` (float32 or float64), NaN outside the field of view.
+
+        `rotation` (3, 3) takes the rays into the projection's frame first, in the same pass.
+        """
+        ...
+
+    def window_rays(self, columns: slice, rows: slice, dtype: type = np.float64) -> NDArray[Any]:
+        """Unit rays (rows, columns, 3) of `dtype` of a rectangle of whole pixels, NaN where it looks nowhere.
+
+        The rectangle may reach past the picture's border, as far as the projection goes on there.
+        """
         ...
 
 
