@@ -115,7 +115,7 @@ def read_frames(stream: BinaryIO, form: RawFormat, name: str) -> Iterator[NDArra
     while True:
         frame = buffers[number % HELD]
         number += 1
-        count = _filled(stream, memoryview(frame.reshape(-1).view(np.uint8)), name)
+        count = _filled(stream, frame.reshape(-1).view(np.uint8).data, name)
         if count == form.frame_bytes:
             yield frame if frame.dtype.isnative else frame.astype(frame.dtype.newbyteorder("="))
         elif count or number == 1:
@@ -138,7 +138,7 @@ def write_frame(stream: BinaryIO, frame: NDArray[Any], form: RawFormat) -> None:
     if frame.shape != form.shape or frame.dtype != form.dtype.newbyteorder("="):
         raise ValueError(f"a frame of {frame.shape} {frame.dtype}, not {form.shape} {form.dtype}")
     plain = np.ascontiguousarray(frame, form.dtype)
-    rest = memoryview(plain.reshape(-1).view(np.uint8))
+    rest = plain.reshape(-1).view(np.uint8).data
     while rest:
         rest = rest[stream.write(rest) :]
 
