@@ -144,16 +144,15 @@ class Equirectangular(SeparableSurface):
     latitudes: Range = POLE_TO_POLE
 
     def __post_init__(self) -> None:
-        if self.whole:
-            width, height = self.size
-            if width != 2 * height or not 2 <= width <= MAX_SIDE_PX:
-                raise UsageError(
-                    f"a full equirectangular picture is twice as wide as high and 2 to {MAX_SIDE_PX} px wide, "
-                    f"not {width} x {height}"
-                )
-        checked_size(self.size)
         _checked_longitudes(self.longitudes)
         _checked_latitudes(self.latitudes, to_the_poles=True)
+        width, height = self.size
+        if self.whole and (width != 2 * height or not 2 <= width <= MAX_SIDE_PX):
+            raise UsageError(
+                f"a full equirectangular picture is twice as wide as high and 2 to {MAX_SIDE_PX} px wide, "
+                f"not {width} x {height}"
+            )
+        checked_size(self.size)
 
     @property
     def whole(self) -> bool:
