@@ -45,6 +45,7 @@ __all__ = [
     "opened",
     "read_part",
     "read_rows",
+    "set_attribute",
 ]
 
 MAX_PIXELS = 1 << 30
@@ -149,6 +150,15 @@ def byte_array(content: bytes) -> tuple[TypeDesc, NDArray[np.uint8]]:
     """Bytes (a colour profile) as the type and value of an attribute."""
     kind = TypeDesc(OpenImageIO.UINT8, OpenImageIO.SCALAR, OpenImageIO.NOSEMANTICS, len(content))
     return kind, np.frombuffer(content, np.uint8)
+
+
+def set_attribute(spec: ImageSpec, name: str, value: str | int | float | bool | tuple[float, ...]) -> None:
+    """Note metadata in a header; truth as a text, and a tuple (degrees, minutes, seconds) as floats."""
+    if isinstance(value, tuple):
+        kind = TypeDesc(OpenImageIO.FLOAT, OpenImageIO.SCALAR, OpenImageIO.NOSEMANTICS, len(value))
+        spec.attribute(name, kind, value)
+    else:
+        spec.attribute(name, str(value) if isinstance(value, bool) else value)
 
 
 def library_fault() -> str:

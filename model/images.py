@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +18,14 @@ from fullsphere.model.image_library import opened
 from fullsphere.model.panorama_file import check_panorama, open_panorama
 from fullsphere.model.panorama_writers import PanoramaWriter
 from fullsphere.model.picture_file import PictureFile, open_picture
-from fullsphere.model.picture_metadata import gpano
+from fullsphere.model.picture_metadata import Attributes, carried, gpano
 from fullsphere.model.resources import require_memory
 
 __all__ = [
     "PanoramaWriter",
     "Picture",
     "PictureFile",
+    "carried",
     "check_panorama",
     "encoded_from_linear",
     "gpano",
@@ -55,7 +55,7 @@ class Picture:
     icc_profile
         The colour profile in the file, or None.
     metadata
-        What the camera noted about the exposure, by OpenImageIO's names ("Make", "Exif:FocalLength", ...).
+        What the camera noted about the exposure, by OpenImageIO's names ("Make", "GPS:Latitude", ...).
     """
 
     path: Path
@@ -63,7 +63,7 @@ class Picture:
     linear: bool
     orientation: int
     icc_profile: bytes | None
-    metadata: Mapping[str, str | int | float]
+    metadata: Attributes
 
 
 def read_picture(path: Path) -> Picture:

@@ -11,18 +11,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fullsphere.model.encoded_picture import Pieces
 from fullsphere.model.errors import InputError, OutputError
 from fullsphere.model.files import output_errors
-from fullsphere.model.image_library import opened, read_rows
-from fullsphere.model.picture_metadata import Attributes
-from fullsphere.model.tiled_tiff import TILE_SIDE, TiledTiff
+from fullsphere.model.image_library import ImageSpec, opened, read_rows
+from fullsphere.model.tiled_file import TILE_SIDE, TiledFile
 
 Rows = NDArray[Any]
 Shape = tuple[int, int, int]
-Encoder = Callable[[Rows, bytes, bytes | None], list[bytes | memoryview]]
 
 _ROWS_READ_BACK = 64
-_LARGEST_MEAN_ERROR = 16  # codes; JPEG at quality 95 stays below 6 even on white noise, a broken picture does not
+_DTYPES = {"uint8": "uint8", "uint16": "uint16", "half": "float16", "float": "float32"}
+_SAMPLED = 16  # of the bands of a lossy file every so many rows and columns are kept, to compare
+_LARGEST_LOSS = 0.5  # of the mean; DWAA loses a tenth of white noise, a broken picture has nothing in common
+_ORDER_WITH_ALPHA = {1: [0], 2: [0, 0, 0, 1], 3: [2, 1, 0], 4: [2, 1, 0, 3]}  # the encoders know no grey with alpha
+_ORDER_WITHOUT = {1: [0], 2: [0], 3: [2, 1, 0], 4: [2, 1, 0]}
 
 
 class PanoramaWriter(abc.ABC):
@@ -84,7 +87,7 @@ class PanoramaWriter(abc.ABC):
 
     def _read_back(self, y0: int, y1: int, channels: int) -> Rows:
         with opened(self._temporary) as (reader, spec):
-            shape, samples = (spec.height, spec.width, spec.nchannels), str(spec.format).replace("float", "float32")
+            shape, samples = (spec.height, spec.width, spec.nchannels), _DTYPES.get(str(spec.format), "")
             if shape != (*self.shape[:2], channels) or samples != self.dtype.name:
                 raise OutputError(f"{self._path}: reads back as {shape} {samples}, not {self.shape} {self.dtype}")
             return read_rows(self._temporary, reader, spec, y0, y1)
@@ -94,8 +97,8 @@ class PanoramaWriter(abc.ABC):
             raise OutputError(f"{self._path}: does not read back as what was written; is the disk sound?")
 
 
-class TiffWriter(PanoramaWriter):
-    """A tiled TIFF, out of core: one band of tiles is in memory."""
+class TiledWriter(PanoramaWriter):
+    """A tiled file, out of core: at most one band of tiles is in memory, and none where rows come in whole bands."""
 
     def __init__(
         self,
@@ -103,40 +106,60 @@ class TiffWriter(PanoramaWriter):
         temporary: Path,
         shape: Shape,
         dtype: np.dtype[Any],
-        attributes: Attributes,
-        icc_profile: bytes | None,
+        kind: str,
+        spec: ImageSpec,
+        *,
+        stored: Callable[[Rows], Rows] = lambda rows: rows,
+        lossy: bool = False,
     ) -> None:
-        """As the base; with metadata and the colour profile."""
+        """As the base; a file of that kind and header, of rows as `stored` makes them."""
         super().__init__(path, temporary, shape, dtype)
-        self._tiff = TiledTiff(path, temporary, shape, dtype, attributes, icc_profile)
-        self._band = np.empty((min(TILE_SIDE, shape[0]), *shape[1:]), dtype)
+        self._file = TiledFile(path, temporary, kind, spec)
+        self._stored, self._lossy = stored, lossy
+        self._band: Rows | None = None
         last = (shape[0] - 1) // TILE_SIDE
-        self._sums = dict.fromkeys(TILE_SIDE * band for band in (0, last // 2, last))  # bands that are read back
+        self._read_again = {TILE_SIDE * band for band in (0, last // 2, last)}
+        self._sums: dict[int, int] = {}
+        self._samples: dict[int, Rows] = {}
 
     def close(self) -> None:
-        self._tiff.release()
+        self._file.release()
 
     def _take(self, y0: int, rows: Rows) -> None:
         while len(rows):
             start = y0 % TILE_SIDE
             part = rows[: TILE_SIDE - start]
-            self._band[start : start + len(part)] = part
-            y0, rows = y0 + len(part), rows[len(part) :]
-            if y0 % TILE_SIDE == 0 or y0 == self.shape[0]:
-                self._write_band(y0 - start - len(part), self._band[: start + len(part)])
+            end = y0 + len(part)
+            complete = end % TILE_SIDE == 0 or end == self.shape[0]
+            if start == 0 and complete:
+                self._write_band(y0, np.ascontiguousarray(part))
+            else:
+                if self._band is None:
+                    self._band = np.empty((min(TILE_SIDE, self.shape[0]), *self.shape[1:]), self.dtype)
+                self._band[start : start + len(part)] = part
+                if complete:
+                    self._write_band(y0 - start, self._band[: start + len(part)])
+            y0, rows = end, rows[len(part) :]
 
     def _write_band(self, y0: int, band: Rows) -> None:
-        self._tiff.write_band(y0, band)
-        if y0 in self._sums:
+        band = self._stored(band)
+        self._file.write_band(y0, band)
+        if y0 in self._read_again and self._lossy:
+            self._samples[y0] = band[::_SAMPLED, ::_SAMPLED].copy()
+        elif y0 in self._read_again:
             self._sums[y0] = zlib.crc32(band.data)
 
     def _complete(self) -> None:
-        self._tiff.close()
+        self._file.close()
 
     def _check(self) -> None:
         for y0, written in self._sums.items():
-            band = self._read_back(y0, min(y0 + TILE_SIDE, self.shape[0]), self.shape[2])
-            self._refuse_difference(zlib.crc32(np.ascontiguousarray(band).data) == written)
+            self._refuse_difference(zlib.crc32(np.ascontiguousarray(self._band_read_back(y0)).data) == written)
+        for y0, samples in self._samples.items():
+            self._refuse_difference(_are_near(self._band_read_back(y0)[::_SAMPLED, ::_SAMPLED], samples))
+
+    def _band_read_back(self, y0: int) -> Rows:
+        return self._read_back(y0, min(y0 + TILE_SIDE, self.shape[0]), self.shape[2])
 
 
 class EncodedWriter(PanoramaWriter):
@@ -148,24 +171,22 @@ class EncodedWriter(PanoramaWriter):
         temporary: Path,
         shape: Shape,
         dtype: np.dtype[Any],
-        encode: Encoder,
-        xmp: bytes,
-        icc_profile: bytes | None,
+        encode: Callable[[Rows], Pieces],
         *,
-        lossless: bool,
+        largest_mean_error: float,
+        alpha: bool,
     ) -> None:
-        """As the base; with the encoder, and the metadata that it sets in.  The lossy one (JPEG) drops alpha."""
+        """As the base; with the encoder, the error that it may make, and whether it keeps alpha."""
         super().__init__(path, temporary, shape, dtype)
-        self._encode, self._xmp, self._icc_profile, self._lossless = encode, xmp, icc_profile, lossless
-        channels = shape[2] if lossless else min(shape[2], 3)
-        self._order = {1: [0], 3: [2, 1, 0], 4: [2, 1, 0, 3]}[channels]
-        self._canvas = np.empty((*shape[:2], channels), dtype)
+        self._encode, self._largest_mean_error = encode, largest_mean_error
+        self._order = (_ORDER_WITH_ALPHA if alpha else _ORDER_WITHOUT)[shape[2]]
+        self._canvas = np.empty((*shape[:2], len(self._order)), dtype)
 
     def _take(self, y0: int, rows: Rows) -> None:
         self._canvas[y0 : y0 + len(rows)] = rows[..., self._order]
 
     def _complete(self) -> None:
-        pieces = self._encode(self._canvas, self._xmp, self._icc_profile)
+        pieces = self._encode(self._canvas)
         with output_errors(self._path), self._temporary.open("wb") as file:
             file.writelines(pieces)
         self._crc = _crc_of(pieces)
@@ -174,9 +195,19 @@ class EncodedWriter(PanoramaWriter):
         with output_errors(self._path), self._temporary.open("rb") as file:
             self._refuse_difference(_crc_of(iter(lambda: file.read(1 << 20), b"")) == self._crc)
         rows = min(_ROWS_READ_BACK, self.shape[0])
-        found = self._read_back(0, rows, len(self._order))
-        error = np.abs(found[..., self._order].astype(np.int32) - self._canvas[:rows])
-        self._refuse_difference(bool(error.mean() <= (0 if self._lossless else _LARGEST_MEAN_ERROR)))
+        channels = self._canvas.shape[2]
+        found = self._read_back(0, rows, channels)[..., _ORDER_WITH_ALPHA[channels]]
+        error = np.abs(found.astype(np.int32) - self._canvas[:rows])
+        self._refuse_difference(bool(error.mean() <= self._largest_mean_error))
+
+
+def _are_near(found: Rows, written: Rows) -> bool:
+    """Whether samples differ by what lossy compression changes, on the mean; those that are not finite aside."""
+    finite = np.isfinite(found) & np.isfinite(written)
+    if not finite.any():
+        return True
+    found, written = found[finite].astype(np.float64), written[finite].astype(np.float64)
+    return bool(np.abs(found - written).mean() <= _LARGEST_LOSS * np.abs(written).mean())
 
 
 def _crc_of(pieces: Iterable[bytes | memoryview]) -> int:

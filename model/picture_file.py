@@ -6,9 +6,10 @@ Pixels are in sensor coordinates, as stored: the EXIF orientation is kept beside
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from fullsphere.model.errors import InputError
 from fullsphere.model.image_library import ImageSpec
 from fullsphere.model.picture_blocks import PictureBlocks
-from fullsphere.model.picture_metadata import CAPTURE_NAMES
+from fullsphere.model.picture_metadata import CAPTURE_NAMES, Attributes, Value
 from fullsphere.model.resources import require_memory
 
 CACHE_BYTES = 1 << 26
@@ -55,7 +56,7 @@ class PictureFile:
     icc_profile
         The colour profile in the file, or None.
     metadata
-        What the camera noted about the exposure, by OpenImageIO's names ("Make", "Exif:FocalLength", ...).
+        What the camera noted about the exposure, by OpenImageIO's names ("Make", "GPS:Latitude", ...).
     """
 
     size: tuple[int, int]
@@ -64,7 +65,7 @@ class PictureFile:
     linear: bool
     orientation: int
     icc_profile: bytes | None
-    metadata: Mapping[str, str | int | float]
+    metadata: Attributes
 
     def __init__(self, path: Path, cache_bytes: int = CACHE_BYTES, *, by_region: bool = True) -> None:
         """As `open_picture`, which closes it; without `by_region` no larger than what is read whole."""
@@ -215,13 +216,18 @@ def _icc_profile(spec: ImageSpec) -> bytes | None:
     return None if profile is None else np.asarray(profile, np.uint8).tobytes()
 
 
-def _capture_metadata(spec: ImageSpec) -> dict[str, str | int | float]:
-    """The known capture attributes that hold something; control characters in texts, which are untrusted, dropped."""
-    found: dict[str, str | int | float] = {}
-    for name in CAPTURE_NAMES:
-        value = spec.getattribute(name)
-        if isinstance(value, str):
-            value = "".join(c for c in value if c.isprintable()).strip()[:500]
-        if isinstance(value, str | int | float) and value != "":
-            found[name] = value
-    return found
+def _capture_metadata(spec: ImageSpec) -> dict[str, Value]:
+    """The known capture attributes that hold something sound."""
+    found = {name: _sound(spec.getattribute(name)) for name in CAPTURE_NAMES}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def _sound(value: object) -> Value | None:
+    """An attribute of a file, which is untrusted: texts without control characters, numbers that are finite."""
+    if isinstance(value, str):
+        return "".join(c for c in value if c.isprintable()).strip()[:500] or None
+    if isinstance(value, int | float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, tuple) and len(value) == 3 and all(isinstance(n, int | float) for n in value):
+        return value if all(math.isfinite(n) for n in value) else None
+    return None

@@ -1,88 +1,117 @@
-"""Metadata of panorama files: the GPano fields by which viewers know a sphere, as attributes and as an XMP packet.
+"""Metadata of panorama files: what a photograph hands on, and the GPano fields by which viewers know a sphere.
 
-Attributes carry OpenImageIO's names.  TIFF takes them from there; JPEG and PNG get the packet made here.
+Attributes carry OpenImageIO's names.  TIFF and OpenEXR take them from there; JPEG and PNG get the XMP packet made here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from fractions import Fraction
 from importlib.metadata import version
-from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from fullsphere.model.errors import UsageError
 
-Value = str | int | float | bool
+Value = str | int | float | bool | tuple[float, ...]
 Attributes = Mapping[str, Value]
 
-_GPANO = "http://ns.google.com/photos/1.0/panorama/"
-_SPACES = {
-    "GPano": _GPANO,
-    "tiff": "http://ns.adobe.com/tiff/1.0/",
-    "exif": "http://ns.adobe.com/exif/1.0/",
-    "aux": "http://ns.adobe.com/exif/1.0/aux/",
-    "xmp": "http://ns.adobe.com/xap/1.0/",
-}
+_SPACES = {"GPano": "http://ns.google.com/photos/1.0/panorama/", "xmp": "http://ns.adobe.com/xap/1.0/"}
+
+CAPTURE_NAMES = (
+    "Make",
+    "Model",
+    "Artist",
+    "Copyright",
+    "DateTime",
+    "ExposureTime",
+    "FNumber",
+    "Exif:DateTimeOriginal",
+    "Exif:FocalLength",
+    "Exif:ExposureBiasValue",
+    "Exif:LensModel",
+    "Exif:PhotographicSensitivity",
+    "GPS:LatitudeRef",
+    "GPS:Latitude",
+    "GPS:LongitudeRef",
+    "GPS:Longitude",
+    "GPS:AltitudeRef",
+    "GPS:Altitude",
+    "GPS:TimeStamp",
+    "GPS:DateStamp",
+    "GPS:ImgDirectionRef",
+    "GPS:ImgDirection",
+)
+"""The attributes of a photograph that are read, and that what is made of it carries on."""
 
 
-class _XmpName(NamedTuple):
-    name: str
-    kind: str  # how XMP spells the value: text, fraction or date
+def gpano(size: tuple[int, int], window: tuple[int, int, int, int] | None = None) -> dict[str, Value]:
+    """The attributes that tell a viewer which part of the sphere an equirectangular picture shows.
 
-
-_XMP_NAMES = {
-    "Make": _XmpName("tiff:Make", "text"),
-    "Model": _XmpName("tiff:Model", "text"),
-    "Software": _XmpName("xmp:CreatorTool", "text"),
-    "Artist": _XmpName("tiff:Artist", "text"),
-    "Copyright": _XmpName("tiff:Copyright", "text"),
-    "DateTime": _XmpName("xmp:ModifyDate", "date"),
-    "ExposureTime": _XmpName("exif:ExposureTime", "fraction"),
-    "FNumber": _XmpName("exif:FNumber", "fraction"),
-    "Exif:DateTimeOriginal": _XmpName("exif:DateTimeOriginal", "date"),
-    "Exif:FocalLength": _XmpName("exif:FocalLength", "fraction"),
-    "Exif:ExposureBiasValue": _XmpName("exif:ExposureBiasValue", "fraction"),
-    "Exif:LensModel": _XmpName("aux:Lens", "text"),
-    "Exif:PhotographicSensitivity": _XmpName("exif:PhotographicSensitivity", "text"),
-}
-
-CAPTURE_NAMES = tuple(name for name in _XMP_NAMES if name != "Software")
-"""The attributes of a photograph that are read, and that a panorama carries on."""
-
-
-def gpano(size: tuple[int, int]) -> dict[str, Value]:
-    """The attributes that tell a viewer that an equirectangular picture (width, height) is the whole sphere.
+    Parameters
+    ----------
+    size
+        Width and height of the whole sphere in pixels, of which the picture shows all or a part.
+    window
+        The part: left, top, width, height in pixels of the whole sphere; None for all of it.  A crop of longitudes
+        from l0 and latitudes down from b1 at p pixels a degree has left = (l0 + 180) p and top = (90 - b1) p.
 
     Raises
     ------
     UsageError
-        If the width is not twice the height.
+        If the width of the whole is not twice its height, or the window is empty or reaches out of it.
     """
     width, height = size
     if width != 2 * height:
         raise UsageError(f"a full sphere is twice as wide as high, not {width} x {height}")
+    left, top, part_width, part_height = window or (0, 0, width, height)
+    if not (0 <= left < left + part_width <= width and 0 <= top < top + part_height <= height):
+        raise UsageError(
+            f"{part_width} x {part_height} pixels at ({left}, {top}) are no part of a sphere of {width} x {height}"
+        )
     return {
         "GPano:ProjectionType": "equirectangular",
         "GPano:UsePanoramaViewer": True,
         "GPano:StitchingSoftware": f"fullsphere {version('fullsphere')}",
         "GPano:FullPanoWidthPixels": width,
         "GPano:FullPanoHeightPixels": height,
-        "GPano:CroppedAreaImageWidthPixels": width,
-        "GPano:CroppedAreaImageHeightPixels": height,
-        "GPano:CroppedAreaLeftPixels": 0,
-        "GPano:CroppedAreaTopPixels": 0,
+        "GPano:CroppedAreaImageWidthPixels": part_width,
+        "GPano:CroppedAreaImageHeightPixels": part_height,
+        "GPano:CroppedAreaLeftPixels": left,
+        "GPano:CroppedAreaTopPixels": top,
     }
 
 
+def carried(
+    metadata: Attributes, icc_profile: bytes | None, channels: int, same_samples: bool = True
+) -> tuple[dict[str, Value], bytes | None]:
+    """What a picture made of another one carries on, as `attributes` and `icc_profile` of `open_panorama`.
+
+    Parameters
+    ----------
+    metadata, icc_profile
+        Of the source, a `Picture` or a `PictureFile`.
+    channels
+        Of the new picture.
+    same_samples
+        Whether its samples mean what the source's did: not if they were sRGB codes and are linear light now.
+
+    Returns
+    -------
+    The capture metadata, with orientation 1 and this program's name; and the profile if it is one for such channels
+    and samples, else None.
+    """
+    attributes = {**metadata, "Orientation": 1, "Software": f"fullsphere {version('fullsphere')}"}
+    space = b"GRAY" if channels < 3 else b"RGB "
+    fits = icc_profile is not None and same_samples and icc_profile[16:20] == space
+    return attributes, icc_profile if fits else None
+
+
 def xmp_packet(attributes: Attributes) -> bytes:
-    """An XMP packet of the GPano fields and the capture attributes; names without a place in XMP are left out."""
-    fields = []
-    for name, value in attributes.items():
-        if name.startswith("GPano:"):
-            fields.append((name, str(value)))
-        elif name in _XMP_NAMES:
-            fields.append((_XMP_NAMES[name].name, _spelled(value, _XMP_NAMES[name].kind)))
+    """An XMP packet of the GPano fields and the program's name; b"" if there are none."""
+    fields = [(name, str(value)) for name, value in attributes.items() if name.startswith("GPano:")]
+    if "Software" in attributes:
+        fields.append(("xmp:CreatorTool", str(attributes["Software"])))
+    if not fields:
+        return b""
     used = {name.partition(":")[0] for name, _ in fields}
     spaces = "".join(f"\n  xmlns:{prefix}={quoteattr(uri)}" for prefix, uri in _SPACES.items() if prefix in used)
     body = "".join(f"\n  {name}={quoteattr(value)}" for name, value in fields)
@@ -93,13 +122,3 @@ def xmp_packet(attributes: Attributes) -> bytes:
         f' <rdf:Description rdf:about=""{spaces}{body}/>\n'
         '</rdf:RDF>\n</x:xmpmeta>\n<?xpacket end="w"?>'
     ).encode()
-
-
-def _spelled(value: Value, kind: str) -> str:
-    if kind == "fraction" and isinstance(value, int | float):
-        fraction = Fraction(value).limit_denominator(10_000)
-        return f"{fraction.numerator}/{fraction.denominator}"
-    if kind == "date":  # EXIF writes 2015:03:16 17:04:35, XMP 2015-03-16T17:04:35
-        day, _, time = str(value).partition(" ")
-        return f"{day.replace(':', '-')}T{time}" if time else day
-    return str(value)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fullsphere.model.errors import OutputError, ResourceError, UsageError
 from fullsphere.model.images import PanoramaWriter, check_panorama, gpano, open_panorama, picture_size, read_picture
-from fullsphere.model.panorama_writers import EncodedWriter, TiffWriter
+from fullsphere.model.panorama_writers import EncodedWriter, TiledWriter
 
 SIZE = (1100, 550)  # neither side a multiple of a tile's
 
@@ -164,13 +164,13 @@ def minimal_profile() -> bytes:
 @pytest.mark.parametrize(
     ("name", "size", "channels", "dtype", "said"),
     [
-        ("x.webp", (100, 50), 3, np.uint8, ".tif, .tiff, .png"),
+        ("x.webp", (100, 50), 3, np.uint8, ".tif, .tiff, .exr, .png"),
         ("x", (100, 50), 3, np.uint8, "ending"),
         ("x.jpg", (70_000, 35_000), 3, np.uint8, "65500"),
         ("x.jpg", (100, 50), 3, np.uint16, "uint8 samples"),
         ("x.tif", (1 << 21, 1 << 20), 3, np.uint8, "side"),
         ("x.tif", (0, 50), 3, np.uint8, "side"),
-        ("x.tif", (100, 50), 2, np.uint8, "channels"),
+        ("x.tif", (100, 50), 5, np.uint8, "channels"),
         ("x.tif", (100, 50), 3, np.int32, "samples"),
     ],
 )
@@ -255,7 +255,7 @@ def test_a_full_disk_is_an_error_and_leaves_what_was_there(tmp_path: Path) -> No
 def test_a_file_that_does_not_read_back_is_not_put_in_place(
     tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    writer_class = TiffWriter if ending == ".tif" else EncodedWriter
+    writer_class = TiledWriter if ending == ".tif" else EncodedWriter
     finish = PanoramaWriter.finish
 
     def finish_and_damage(self: PanoramaWriter) -> None:
