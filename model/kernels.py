@@ -1,18 +1,31 @@
-"""Every compiled ray <-> pixel loop.
+"""Every compiled ray <-> pixel loop of a tabulated lens.
 
 A kernel reads tables, never a lens: cubic pieces in Horner form, `pieces[i] = (p0, p1, p2, p3)`, so that the value in
 cell i at t in [0, 1] is ((p3 t + p2) t + p1) t + p0.  One kernel therefore serves every lens at the same speed.
+
+Loops are written so that LLVM vectorises them: `compiled_apart`, flat arrays (of which the distance from one ray to
+the next is a constant), selects in place of branches, unsigned positions in a table.  A type is computed in when
+all arguments, the numbers too, are of that type.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.core.compiler import Compiler
 
 _F = TypeVar("_F", bound=Callable[..., object])
+
+
+class _ArraysApart(Compiler):
+    """numba's compiler, told that no two arrays overlap: without this LLVM may not read a table while it stores."""
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)  # type: ignore[no-untyped-call]
+        self.state.flags.noalias = True
 
 
 def compiled(function: _F) -> _F:
@@ -24,77 +37,162 @@ def compiled(function: _F) -> _F:
     picture was cut into tiles.  The cache saves seconds at start-up; where no folder for it can be written numba
     raises at import, and the kernel is compiled anew in every process instead.
     """
+    return _compiled(function)
+
+
+def compiled_apart(function: _F) -> _F:
+    """Compile a kernel as `compiled` does, of which no array that is written overlaps another argument.
+
+    Only with that promise does LLVM vectorise a loop that looks values up in a table.  The bits are those of the
+    scalar loop: nothing is re-associated or fused.
+    """
+    return _compiled(function, pipeline_class=_ArraysApart)
+
+
+def _compiled(function: _F, **options: Any) -> _F:
     try:
-        return cast(_F, numba.njit(function, nogil=True, error_model="numpy", cache=True))
+        return cast(_F, numba.njit(function, nogil=True, error_model="numpy", cache=True, **options))
     except RuntimeError:
-        return cast(_F, numba.njit(function, nogil=True, error_model="numpy"))
+        return cast(_F, numba.njit(function, nogil=True, error_model="numpy", **options))
 
 
 @compiled
+def _cubic(pieces: np.ndarray, cell: Any, t: Any) -> Any:
+    """Value of the piece of `cell` at t."""
+    p = np.uint64(np.uint32(4 * cell))
+    return ((pieces[p + 3] * t + pieces[p + 2]) * t + pieces[p + 1]) * t + pieces[p]
+
+
+@compiled_apart
 def project_rays(
     rays: np.ndarray,
     rotation: np.ndarray,
     pieces: np.ndarray,
     z_min: float,
+    z_limit: float,
     centre_u: float,
     centre_v: float,
     aspect: float,
     pixels: np.ndarray,
 ) -> None:
-    """u = centre_u + g(z) x, v = centre_v + aspect g(z) y for (x, y, z) = rotation @ ray; NaN where z < z_min.
+    """u = centre_u + g(z) x, v = centre_v + aspect g(z) y for (x, y, z) = rotation @ ray.
 
-    rays (n, 3) unit, pieces (m, 4) of g over [z_min, 1], pixels (n, 2) is written in its own type.
+    NaN where z < z_limit, or the squared length of a ray is further from 1 than 1e-5: zero, infinite, NaN.
+
+    rays (3 n,) unit, rotation (9,), pieces (4 m,) of g over [z_min, 1]; pixels (2 n,) is written.
     """
-    cells = pieces.shape[0]
-    per_z = cells / (1.0 - z_min)
-    r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
-    r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
-    r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
-    for k in range(rays.shape[0]):
-        a, b, c = rays[k, 0], rays[k, 1], rays[k, 2]
+    real = pieces.dtype.type
+    zero, one, rounding, nan = real(0.0), real(1.0), real(1e-5), real(np.nan)
+    last = real(pieces.size // 4 - 1)
+    per_z = real(pieces.size // 4) / (one - z_min)
+    r00, r01, r02 = rotation[0], rotation[1], rotation[2]
+    r10, r11, r12 = aspect * rotation[3], aspect * rotation[4], aspect * rotation[5]
+    r20, r21, r22 = rotation[6], rotation[7], rotation[8]
+    for k in range(np.uint64(pixels.size // 2)):
+        a, b, c = rays[3 * k], rays[3 * k + 1], rays[3 * k + 2]
         z = r20 * a + r21 * b + r22 * c
-        if z >= z_min:
-            at = (z - z_min) * per_z
-            cell = min(int(at), cells - 1)
-            t = at - cell
-            g = ((pieces[cell, 3] * t + pieces[cell, 2]) * t + pieces[cell, 1]) * t + pieces[cell, 0]
-            pixels[k, 0] = centre_u + g * (r00 * a + r01 * b + r02 * c)
-            pixels[k, 1] = centre_v + aspect * g * (r10 * a + r11 * b + r12 * c)
-        else:
-            pixels[k, 0] = np.nan
-            pixels[k, 1] = np.nan
+        inside = (z >= z_limit) & (abs(a * a + b * b + c * c - one) <= rounding)
+        at = (z - z_min) * per_z if inside else zero
+        cell = np.int32(min(max(at, zero), last))
+        t = at - real(cell)
+        g = _cubic(pieces, cell, t)
+        u = centre_u + g * (r00 * a + r01 * b + r02 * c)
+        v = centre_v + g * (r10 * a + r11 * b + r12 * c)
+        pixels[2 * k] = u if inside else nan
+        pixels[2 * k + 1] = v if inside else nan
+
+
+PLAIN, FROM_AXIS, FROM_RIM = 0, 1, 2
+"""How equal cells of an inverse table lie over q/q_max: evenly, or by its root counted from the axis or the rim."""
 
 
 @compiled
+def _position(share: Any, variable: int) -> Any:
+    """Where in a table, 0 to 1, a share of q_max in [0, 1] stands.
+
+    The root counted from the axis makes a curve with even powers of theta smooth there; counted from the rim it does
+    so where r(theta) stops growing, and theta runs away like a root.
+    """
+    if variable == PLAIN:
+        return share
+    one = type(share)(1.0)
+    if variable == FROM_AXIS:
+        return np.sqrt(share)
+    return one - np.sqrt(max(one - share, type(share)(0.0)))
+
+
+@compiled_apart
 def unproject_pixels(
     pixels: np.ndarray,
     pieces_s: np.ndarray,
     pieces_c: np.ndarray,
+    variable: int,
     q_max: float,
+    q_limit: float,
     centre_u: float,
     centre_v: float,
     aspect: float,
     rays: np.ndarray,
 ) -> None:
-    """ray = (s(q) x, s(q) y, c(q)) with x = u - centre_u, y = (v - centre_v)/aspect, q = x^2 + y^2; NaN past q_max.
+    """ray = (s(q) x, s(q) y, c(q)) with x = u - centre_u, y = (v - centre_v)/aspect, q = x^2 + y^2.
 
-    pixels (n, 2), pieces (m, 4) of s = sin(theta)/r and c = cos(theta) over q in [0, q_max], rays (n, 3) is written.
+    NaN where q > q_limit or is NaN.
+
+    pixels (2 n,), pieces (4 m,) of s = sin(theta)/r and c = cos(theta) over q in [0, q_max], whose cells lie as
+    `variable` says; rays (3 n,) is written.
     """
-    cells = pieces_s.shape[0]
-    per_q = cells / q_max
-    for k in range(pixels.shape[0]):
-        x = pixels[k, 0] - centre_u
-        y = (pixels[k, 1] - centre_v) / aspect
+    real = pieces_s.dtype.type
+    zero, nan = real(0.0), real(np.nan)
+    cells, last = real(pieces_s.size // 4), real(pieces_s.size // 4 - 1)
+    per_q, per_aspect = real(1.0) / q_max, real(1.0) / aspect
+    for k in range(np.uint64(pixels.size // 2)):
+        x = pixels[2 * k] - centre_u
+        y = (pixels[2 * k + 1] - centre_v) * per_aspect
         q = x * x + y * y
-        if q <= q_max:
-            at = q * per_q
-            cell = min(int(at), cells - 1)
-            t = at - cell
-            s = ((pieces_s[cell, 3] * t + pieces_s[cell, 2]) * t + pieces_s[cell, 1]) * t + pieces_s[cell, 0]
-            rays[k, 0] = s * x
-            rays[k, 1] = s * y
-            rays[k, 2] = ((pieces_c[cell, 3] * t + pieces_c[cell, 2]) * t + pieces_c[cell, 1]) * t + pieces_c[cell, 0]
-        else:
-            rays[k, 0] = np.nan
-            rays[k, 1] = np.nan
-            rays[k, 2] = np.nan
+        inside = q <= q_limit
+        at = _position(q * per_q if inside else zero, variable) * cells
+        cell = np.int32(min(at, last))
+        t = at - real(cell)
+        s = _cubic(pieces_s, cell, t)
+        z = _cubic(pieces_c, cell, t)
+        rays[3 * k] = s * x if inside else nan
+        rays[3 * k + 1] = s * y if inside else nan
+        rays[3 * k + 2] = z if inside else nan
+
+
+@compiled
+def unproject_grid(
+    xs: np.ndarray,
+    ys: np.ndarray,
+    pieces_s: np.ndarray,
+    pieces_c: np.ndarray,
+    variable: int,
+    q_max: float,
+    q_limit: float,
+    rays: np.ndarray,
+) -> None:
+    """`unproject_pixels` of the grid of pixels at xs (w,), ys (h,) from the centre; rays (h, w, 3) is written.
+
+    Neighbours look up the same cell: here the scalar loop is the faster one.
+    """
+    real = pieces_s.dtype.type
+    nan = real(np.nan)
+    cells, last = real(pieces_s.size // 4), real(pieces_s.size // 4 - 1)
+    per_q = real(1.0) / q_max
+    for row in range(ys.size):
+        y = ys[row]
+        for column in range(xs.size):
+            x = xs[column]
+            q = x * x + y * y
+            if q <= q_limit:
+                at = _position(q * per_q, variable) * cells
+                cell = np.int32(min(at, last))
+                t = at - real(cell)
+                s = _cubic(pieces_s, cell, t)
+                rays[row, column, 0] = s * x
+                rays[row, column, 1] = s * y
+                rays[row, column, 2] = _cubic(pieces_c, cell, t)
+            else:
+                rays[row, column, 0] = nan
+                rays[row, column, 1] = nan
+                rays[row, column, 2] = nan

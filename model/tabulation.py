@@ -1,0 +1,143 @@
+"""How a camera becomes tables: cubic splines over ever more cells, until their measured error is small enough."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from fullsphere.model import kernels
+from fullsphere.model.camera import Camera
+from fullsphere.model.errors import ResourceError
+from fullsphere.model.lens import FloatArray, angle_of_radius
+
+_MIN_CELLS, _MAX_CELLS = 256, 65536
+_CACHED_CELLS = 4096  # so many are 128 KB a table: they stay in a core's own cache
+_ON_AXIS = 1e-7  # radians: below it r/sin(theta) is r'(0) to the last bit
+
+
+class Table(NamedTuple):
+    """Cubic pieces (cells, 4) or (cells, 8), their measured error, and the variable over which cells lie evenly."""
+
+    pieces: FloatArray
+    error_px: float
+    variable: int
+
+
+def forward_table(camera: Camera, tolerance_px: float) -> Table:
+    """g = r(theta)/sin(theta) over z = cos(theta) in [cos(half_fov), 1]; raises ResourceError."""
+    return _refined(
+        lambda cells, _: _forward_pieces(camera, cells),
+        lambda pieces, _: _forward_error(camera, pieces),
+        (kernels.PLAIN,),
+        tolerance_px,
+    )
+
+
+def inverse_table(camera: Camera, tolerance_px: float) -> Table:
+    """s = sin(theta)/r and c = cos(theta), side by side, over q in [0, image_radius^2]; raises ResourceError."""
+    return _refined(
+        lambda cells, variable: _inverse_pieces(camera, cells, variable),
+        lambda pieces, variable: _inverse_error(camera, pieces, variable),
+        (kernels.PLAIN, kernels.FROM_RIM, kernels.FROM_AXIS),
+        tolerance_px,
+    )
+
+
+def _refined(
+    build: Callable[[int, int], FloatArray],
+    measure: Callable[[FloatArray, int], float],
+    variables: tuple[int, ...],
+    tolerance_px: float,
+) -> Table:
+    """The coarsest table, doubling its cells, whose measured error is within the tolerance.
+
+    The first variable that gets there with a table that stays in cache, else the first that gets there at all.
+    """
+    best = math.inf
+    for fewest, most in ((_MIN_CELLS, _CACHED_CELLS), (2 * _CACHED_CELLS, _MAX_CELLS)):
+        for variable in variables:
+            cells = fewest
+            while cells <= most:
+                table = build(cells, variable)
+                reached = measure(table, variable)
+                if reached <= tolerance_px:
+                    return Table(table, reached, variable)
+                best = min(best, reached)
+                cells *= 2
+    raise ResourceError(
+        f"the lens cannot be tabulated to {tolerance_px:g} px: {_MAX_CELLS} cells reach {best:.3g} px; "
+        "state a smaller field of view or a larger tolerance"
+    )
+
+
+def _pieces(x: FloatArray, y: FloatArray) -> FloatArray:
+    """The cubic spline through (x, y), uniform x, as Horner rows over t in [0, 1] of each cell: (cells, 4)."""
+    step = (x[-1] - x[0]) / (x.size - 1)
+    return np.ascontiguousarray(CubicSpline(x, y).c[::-1].T * step ** np.arange(4))
+
+
+def _radius_over_sine(camera: Camera, theta: FloatArray) -> FloatArray:
+    safe = np.maximum(theta, _ON_AXIS)
+    return np.where(theta > _ON_AXIS, camera.lens.radius(safe) / np.sin(safe), camera.lens.slope(0.0))
+
+
+def _forward_pieces(camera: Camera, cells: int) -> FloatArray:
+    z = np.linspace(math.cos(camera.half_fov), 1.0, cells + 1)
+    theta = np.arccos(np.clip(z, -1.0, 1.0))
+    theta[0] = camera.half_fov
+    return _pieces(z, _radius_over_sine(camera, theta))
+
+
+def _radius_at(camera: Camera, at: FloatArray, variable: int) -> FloatArray:
+    """r at positions in [0, 1] of an inverse table; the inverse of the kernels' `_position`."""
+    if variable == kernels.PLAIN:
+        return camera.image_radius * np.sqrt(at)
+    if variable == kernels.FROM_AXIS:
+        return camera.image_radius * at
+    return camera.image_radius * np.sqrt(at * (2 - at))
+
+
+def _inverse_pieces(camera: Camera, cells: int, variable: int) -> FloatArray:
+    at = np.linspace(0.0, 1.0, cells + 1)
+    theta = angle_of_radius(camera.lens, _radius_at(camera, at, variable), camera.half_fov)
+    return np.hstack([_pieces(at, 1 / _radius_over_sine(camera, theta)), _pieces(at, np.cos(theta))])
+
+
+def _probes(cells: int) -> FloatArray:
+    """Positions in [0, 1] where a spline over `cells` cells is furthest from its nodes, and some that are not.
+
+    The outermost cells, where a spline is bent otherwise than inside, get more of them.
+    """
+    inner = (np.arange(cells)[:, None] + [0.21, 0.5, 0.79]).ravel() / cells
+    ends = np.arange(1, 64) / (16 * cells)
+    return np.concatenate([inner, ends, 1 - ends, [0.0, 1.0]])
+
+
+def _evaluate(pieces: FloatArray, at: FloatArray) -> FloatArray:
+    cells = pieces.shape[0]
+    cell = np.minimum((at * cells).astype(int), cells - 1)
+    p0, p1, p2, p3 = pieces[cell].T
+    t = at * cells - cell
+    value: FloatArray = ((p3 * t + p2) * t + p1) * t + p0
+    return value
+
+
+def _forward_error(camera: Camera, pieces: FloatArray) -> float:
+    z_min = math.cos(camera.half_fov)
+    at = _probes(pieces.shape[0])
+    theta = np.arccos(np.clip(z_min + at * (1 - z_min), -1.0, 1.0))
+    exact = _radius_over_sine(camera, theta)
+    return float(np.max(np.abs(_evaluate(pieces, at) - exact) * np.sin(theta)) * max(1.0, camera.aspect))
+
+
+def _inverse_error(camera: Camera, pieces: FloatArray, variable: int) -> float:
+    at = _probes(pieces.shape[0])
+    r = _radius_at(camera, at, variable)
+    exact = angle_of_radius(camera.lens, r, camera.half_fov)
+    theta = np.arctan2(_evaluate(pieces[:, :4], at) * r, _evaluate(pieces[:, 4:], at))
+    by_angle = np.abs(theta - exact) * camera.lens.slope(exact)
+    return float(np.max(by_angle) * max(1.0, camera.aspect))
