@@ -145,6 +145,48 @@ class CubeMap:
         kernels.window_of_cube(columns.start, rows.start, self._views, self.side, self.pitch, rays)
         return rays
 
+    def with_gutters(self, image: NDArray[Any], gutter: int) -> tuple[NDArray[Any], CubeMap]:
+        """The picture (h, w) or (h, w, c) of this cube map with `gutter` pixels of its neighbours round each face.
+
+        What lies in a gutter is interpolated linearly between the pixels of one face.  As a source for interpolation
+        the result has no edges: `project` answers positions in the faces, and all that a kernel reaches is there.
+
+        Raises
+        ------
+        UsageError
+            If the picture is not of this size, or the gutter is wider than a face.
+        """
+        if image.shape[1::-1] != self.size:
+            raise UsageError(f"cube map: the picture is {image.shape[1]} x {image.shape[0]}, not {self.size}")
+        wide = dataclasses.replace(self, gutter=gutter)
+        result = np.zeros((*wide.size[::-1], *image.shape[2:]), image.dtype)
+        side, pitch = self.side, wide.pitch
+        for name, (left, top) in wide.corners.items():
+            i, j = self.corners[name]
+            result[top : top + side, left : left + side] = image[j : j + side, i : i + side]
+            rim, inner = slice(left - gutter, left - gutter + pitch), slice(top, top + side)
+            for rows, columns in (
+                (slice(top - gutter, top), rim),
+                (slice(top + side, top + side + gutter), rim),
+                (inner, slice(left - gutter, left)),
+                (inner, slice(left + side, left + side + gutter)),
+            ):
+                result[rows, columns] = self._linear(image, self.project(wide.window_rays(columns, rows)))
+        return result, wide
+
+    def _linear(self, image: NDArray[Any], pixels: FloatArray) -> NDArray[Any]:
+        """Values at pixels (..., 2) between the pixels of the face that each is in, in the type of the picture."""
+        first = np.floor((pixels + 0.5) / self.pitch).astype(int) * self.pitch + self.gutter
+        low = np.floor(pixels).astype(int)
+        across, down = (part.reshape(*part.shape, *[1] * (image.ndim - 2)) for part in np.moveaxis(pixels - low, -1, 0))
+        (u0, v0), (u1, v1) = (np.moveaxis(np.clip(at, first, first + self.side - 1), -1, 0) for at in (low, low + 1))
+        upper = image[v0, u0] * (1 - across) + image[v0, u1] * across
+        lower = image[v1, u0] * (1 - across) + image[v1, u1] * across
+        values: NDArray[Any] = upper * (1 - down) + lower * down
+        if np.issubdtype(image.dtype, np.integer):
+            values = np.round(values)
+        return values if values.dtype == image.dtype else values.astype(image.dtype)
+
     @property
     def _places(self) -> dict[str, tuple[int, int, int]]:
         """Column and row of each face's cell, and -1 where it stands upside down."""

@@ -112,9 +112,10 @@ def project_rows(
     bits = ratio.view(np.int64)
     nowhere = real(np.nan)
     for first in range(0, rays.shape[0], _ROW):
-        count = min(_ROW, rays.shape[0] - first)
+        given, answer = rays[first : first + _ROW], pixels[first : first + _ROW]
+        count = given.shape[0]
         for k in range(count):
-            a, b, c = rays[first + k, 0], rays[first + k, 1], rays[first + k, 2]
+            a, b, c = given[k, 0], given[k, 1], given[k, 2]
             x[k] = r00 * a + r01 * b + r02 * c
             y[k] = r10 * a + r11 * b + r12 * c
             z[k] = r20 * a + r21 * b + r22 * c
@@ -135,8 +136,8 @@ def project_rows(
                 v[k] = zero + per_unit * y[k]
         for k in range(count):
             known = abs(u[k]) + abs(v[k]) < real(np.inf)
-            pixels[first + k, 0] = u[k] if known else nowhere
-            pixels[first + k, 1] = v[k] if known else nowhere
+            answer[k, 0] = u[k] if known else nowhere
+            answer[k, 1] = v[k] if known else nowhere
 
 
 @compiled
@@ -159,9 +160,10 @@ def project_cube(
     reach, furthest = real(half), real(inset)
     x, y, z = np.empty(_ROW, pixels.dtype), np.empty(_ROW, pixels.dtype), np.empty(_ROW, pixels.dtype)
     for first in range(0, rays.shape[0], _ROW):
-        count = min(_ROW, rays.shape[0] - first)
+        given, answer = rays[first : first + _ROW], pixels[first : first + _ROW]
+        count = given.shape[0]
         for k in range(count):
-            a, b, c = rays[first + k, 0], rays[first + k, 1], rays[first + k, 2]
+            a, b, c = given[k, 0], given[k, 1], given[k, 2]
             x[k] = r00 * a + r01 * b + r02 * c
             y[k] = r10 * a + r11 * b + r12 * c
             z[k] = r20 * a + r21 * b + r22 * c
@@ -183,8 +185,8 @@ def project_cube(
             x[k] = middle_u + min(max(right * scale, -reach), furthest)
             y[k] = middle_v + min(max(down * scale, -reach), furthest)
         for k in range(count):
-            pixels[first + k, 0] = x[k]
-            pixels[first + k, 1] = y[k]
+            answer[k, 0] = x[k]
+            answer[k, 1] = y[k]
 
 
 @compiled
@@ -230,6 +232,23 @@ def unproject_cube(pixels: np.ndarray, faces: np.ndarray, side: int, pitch: int,
 @compiled
 def window_of_cube(left: int, top: int, faces: np.ndarray, side: int, pitch: int, rays: np.ndarray) -> None:
     """`unproject_cube` of the whole pixels of a rectangle, rays (h, w, 3) is written in its own type."""
-    for j in range(rays.shape[0]):
-        for i in range(rays.shape[1]):
-            _write_cube_ray(np.float64(left + i), np.float64(top + j), faces, side, pitch, rays[j, i])
+    height, width = rays.shape[0], rays.shape[1]
+    for j in range(height):
+        cell_row = (top + j) // pitch
+        b = (top + j - cell_row * pitch + 0.5 - 0.5 * pitch) / (0.5 * side)
+        row = rays[j]
+        for cell in range(left // pitch, (left + width - 1) // pitch + 1):
+            first, last = max(cell * pitch - left, 0), min((cell + 1) * pitch - left, width)
+            if cell < 0 or cell >= faces.shape[1] or cell_row < 0 or cell_row >= faces.shape[0]:
+                row[first:last] = np.nan
+                continue
+            face = faces[cell_row, cell]
+            ax, ay, az = face[0, 0], face[1, 0], face[2, 0]
+            x, y, z = face[0, 1] * b + face[0, 2], face[1, 1] * b + face[1, 2], face[2, 1] * b + face[2, 2]
+            start = left - cell * pitch + 0.5 - 0.5 * pitch
+            for i in range(first, last):
+                a = (start + i) / (0.5 * side)
+                scale = 1.0 / np.sqrt(1.0 + a * a + b * b)
+                row[i, 0] = scale * (x + ax * a)
+                row[i, 1] = scale * (y + ay * a)
+                row[i, 2] = scale * (z + az * a)
