@@ -21,6 +21,7 @@ _BAND_BYTES = 1 << 24
 """The largest band of rows, unless one row is larger."""
 
 _BAND_ROWS = 64
+_DECODED_AT_ONCE = ("webp", "jpeg2000", "jpegxl")  # whole, by the first read
 _ROWS_CODED_TOGETHER = {"dwab": 256}  # in an OpenEXR file, where that is more than a band
 
 
@@ -57,8 +58,9 @@ class PictureBlocks:
         self.block_size = (
             (self.spec.tile_width, self.spec.tile_height) if self.tiled else (self.spec.width, _band_rows(self.spec))
         )
-        self._at_random = self.tiled or self.kind == "openexr"
-        self._next_row: int = 0
+        self._by_rows = not self.tiled and self.kind != "openexr"
+        self._at_once = self.kind in _DECODED_AT_ONCE
+        self._next_row = 0
         self._damage: tuple[int, str] | None = None  # from which row on nothing can be read, and why
 
     def read(self, left: int, top: int, right: int, bottom: int) -> NDArray[Any]:
@@ -69,16 +71,16 @@ class PictureBlocks:
         InputError
             If a part of them is damaged, or the file is no longer the one that was opened.
         """
-        if not self._at_random:
+        if self._by_rows:
             self._go_to(top, bottom)
         try:
             samples = read_part(
                 self.path, self._reader, self.spec, (left, top, right, bottom), self.sample_type, self.tiled
             )
         except InputError as error:
-            if not self._at_random:
-                self._damage = (top, str(error))
-                self._next_row = self.spec.height + 1
+            if self._by_rows:
+                self._damage = (0 if self._at_once else top, str(error))
+                self._next_row = self.spec.height
             raise
         self._next_row = bottom
         return samples
@@ -93,7 +95,7 @@ class PictureBlocks:
     def _go_to(self, top: int, bottom: int) -> None:
         if self._damage is not None and bottom > self._damage[0]:
             raise InputError(self._damage[1])
-        if top >= self._next_row:
+        if top >= self._next_row or self._at_once:
             return
         self._resources.close()
         self._reader, spec = self._open()

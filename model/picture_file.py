@@ -36,8 +36,8 @@ class PictureFile:
     """An opened picture file; several threads may read from it.
 
     A tiled TIFF or OpenEXR file is read in its tiles, any other in bands of rows.  The blocks read last are kept, so
-    windows that go down a picture decode each row once.  A row above the latest makes JPEG, PNG, WebP and the JPEG 2000
-    and XL files begin again from their first row: right, and slow.
+    windows that go down a picture decode each row once.  For a row above those, a JPEG or PNG begins again from its
+    first row, which is right, and slow.  WebP, JPEG 2000 and JPEG XL files are decoded whole by the first read.
 
     Attributes
     ----------
