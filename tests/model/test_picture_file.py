@@ -258,7 +258,7 @@ def test_a_picture_too_large_to_be_read_whole_is_read_by_region(tmp_path: Path) 
         assert file.size[0] * file.size[1] > MAX_PIXELS
         window = file.window(150 * 1024 - 300, 199 * 1024 - 20, 700, 50)
         assert np.array_equal(window[..., 0], np.roll(tile, (20, 300), (0, 1))[:50, :700])
-    with pytest.raises(InputError, match="more than"):
+    with pytest.raises(InputError, match="more than|exceeds"):
         read_picture(tmp_path / "x.tif")
     big_tiff(tmp_path / "y.tif", 300 * 1024, 1024, tile)
     with pytest.raises(InputError, match="more than"), open_picture(tmp_path / "y.tif"):
