@@ -1,0 +1,227 @@
+"""How long a remap takes, beside other programs that do the same job on the same pixels."""
+
+import importlib
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from remap_peers import (
+    BareCv2,
+    Job,
+    Programs,
+    ViewJob,
+    ffmpeg_seconds_per_frame,
+    nona_command,
+    py360convert_view,
+    scipy_remap,
+    timed,
+    write_planes,
+)
+from remap_pictures import frame_of, panorama_of
+from remap_table import Row, absent_row, alternating, limit_row, note, seconds_row
+
+from fullsphere.model.camera import Camera
+from fullsphere.model.lens import KannalaBrandt
+from fullsphere.model.remap import remap
+from fullsphere.model.store import save_camera
+from fullsphere.model.table import tabulate
+from fullsphere.mosaic.photographer import Scene
+
+Pixels = NDArray[Any]
+
+KEPT_BYTES = 512 << 20
+_POINTS = 1_000_000
+_GIGAPIXEL_WIDTH = 46340
+_FRAME_OF_100_MEGAPIXELS = 10000
+
+
+def speed_rows(scene: Scene, job: Job, programs: Programs, runs: int, executor: Executor, folder: Path) -> list[Row]:
+    """Every comparison of times; files go to `folder`."""
+    note("speed: rendering the frame")
+    frame = frame_of(scene, job.camera, executor, supersampling=2)
+    cv2.imwrite(str(folder / "in.tif"), frame[..., ::-1], [cv2.IMWRITE_TIFF_COMPRESSION, 1])
+    save_camera(folder / "camera.json", job.camera)
+    write_planes(folder / "in.raw", frame)
+    return [
+        *_steady(frame, job, programs, runs, executor, folder),
+        *_first_frame(job, programs, runs, folder),
+        _against_scipy(frame, job, runs, executor),
+        _against_py360convert(scene, ViewJob(job.width, job.side), programs, runs, executor, folder),
+        *_points(runs),
+    ]
+
+
+def _steady(frame: Pixels, job: Job, programs: Programs, runs: int, executor: Executor, folder: Path) -> list[Row]:
+    """One frame after another in one process."""
+    bare = BareCv2(job)
+    jobs: dict[str, Callable[[], float | None]] = {
+        "cv2": lambda: _discarded(bare(frame)),
+        "fly": lambda: _discarded(remap(frame, job.camera, job.target, None, "linear", executor)),
+    }
+    remapper = _remapper(job, executor)
+    if remapper:
+        jobs["kept"] = lambda: _discarded(remapper(frame))
+    if programs.ffmpeg:
+        ffmpeg = programs.ffmpeg
+        jobs["ffmpeg"] = lambda: ffmpeg_seconds_per_frame(ffmpeg, folder / "in.raw", job)
+    seconds = alternating(runs, jobs)
+    fly, kept, cv2_name = "linear, geometry on the fly", "linear, geometry kept", "cv2.remap, maps ready"
+    rows = [seconds_row(f"{fly} / {cv2_name}", seconds["fly"], seconds["cv2"], 1.0)]
+    if "kept" in seconds:
+        rows.append(seconds_row(f"{kept} / {cv2_name}", seconds["kept"], seconds["cv2"], 0.75))
+    else:
+        rows.append(absent_row(f"{kept} / {cv2_name}", "Remapper"))
+    if "ffmpeg" not in seconds:
+        return [*rows, absent_row(f"{fly} / ffmpeg v360", "ffmpeg")]
+    rows.append(seconds_row(f"{fly} / ffmpeg v360, a frame in steady state", seconds["fly"], seconds["ffmpeg"], 0.45))
+    if "kept" in seconds:
+        rows.append(
+            seconds_row(f"{kept} / ffmpeg v360, a frame in steady state", seconds["kept"], seconds["ffmpeg"], None)
+        )
+    return rows
+
+
+def _remapper(job: Job, executor: Executor) -> Callable[[Pixels], object] | None:
+    """The program's `Remapper` for this job, or None in a version that has none."""
+    maker = getattr(importlib.import_module("fullsphere.model.remap"), "Remapper", None)
+    if maker is None:
+        return None
+    remapper: Callable[[Pixels], object] = maker(
+        job.camera, job.target, None, "linear", kept_bytes=KEPT_BYTES, executor=executor
+    )
+    return remapper
+
+
+def _first_frame(job: Job, programs: Programs, runs: int, folder: Path) -> list[Row]:
+    """Whole processes, from an uncompressed TIFF to an uncompressed TIFF."""
+    measure = "first frame, whole process, TIFF to TIFF, linear / nona"
+    if programs.nona is None:
+        return [absent_row(measure, "nona")]
+    ours = _command(folder, folder / "in.tif", folder / "camera.json", job.width, "ours.tif")
+    ours += ["--interpolation", "linear"]
+    if _offers("--compression"):
+        ours += ["--compression", "none"]
+    theirs = nona_command(programs.nona, job, folder / "in.tif", folder / "nona.tif", "linear")
+    seconds = alternating(runs, {"ours": lambda: timed(ours), "nona": lambda: timed(theirs)})
+    return [seconds_row(measure, seconds["ours"], seconds["nona"], 0.5)]
+
+
+def _against_scipy(frame: Pixels, job: Job, runs: int, executor: Executor) -> Row:
+    jobs: dict[str, Callable[[], float | None]] = {
+        "ours": lambda: _discarded(remap(frame, job.camera, job.target, None, "linear", executor)),
+        "scipy": lambda: _discarded(scipy_remap(frame, job)),
+    }
+    seconds = alternating(runs, jobs)
+    return seconds_row("linear, geometry on the fly / numpy and scipy", seconds["ours"], seconds["scipy"], 0.05)
+
+
+def _against_py360convert(
+    scene: Scene, job: ViewJob, programs: Programs, runs: int, executor: Executor, folder: Path
+) -> Row:
+    """A panorama to a perspective view: py360convert has no fisheye."""
+    measure = f"panorama {job.width} to a view of {job.side} x {job.side}, linear / py360convert"
+    python = programs.python_with_py360convert
+    if python is None:
+        return absent_row(measure, "py360convert")
+    panorama = panorama_of(scene, job.width, executor, supersampling=1)
+    np.save(folder / "panorama.npy", panorama)
+    libraries = set()
+
+    def theirs() -> float:
+        _, seconds, library = py360convert_view(python, folder / "panorama.npy", job, "linear")
+        libraries.add(library)
+        return seconds
+
+    jobs: dict[str, Callable[[], float | None]] = {
+        "ours": lambda: _discarded(remap(panorama, job.source, job.camera, None, "linear", executor)),
+        "py360convert": theirs,
+    }
+    seconds = alternating(runs, jobs)
+    measure += f" (with {' '.join(libraries)})"
+    return seconds_row(measure, seconds["ours"], seconds["py360convert"], 0.05)
+
+
+def _points(runs: int) -> list[Row]:
+    """A million points through a table in double precision, on one core."""
+    camera = Camera(KannalaBrandt(600.0, -0.02, 0.003, -0.0005, 0.0), (2000, 2000), (999.5, 999.5), half_fov=1.4)
+    table = tabulate(camera)
+    random = np.random.default_rng(0)
+    theta, phi = random.uniform(0, 1.35, _POINTS), random.uniform(0, 2 * math.pi, _POINTS)
+    rays = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
+    pixels = table.project(rays)
+    matrix = np.array([[600.0, 0, 999.5], [0, 600.0, 999.5], [0, 0, 1]])
+    coefficients = np.array([-0.02, 0.003, -0.0005, 0.0])
+    objects, nothing = rays.reshape(1, -1, 3), np.zeros(3)
+
+    def theirs() -> None:
+        cv2.fisheye.projectPoints(objects, nothing, nothing, matrix, coefficients)
+
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    jobs: dict[str, Callable[[], float | None]] = {
+        "project": lambda: _discarded(table.project(rays)),
+        "unproject": lambda: _discarded(table.unproject(pixels)),
+        "cv2": theirs,
+    }
+    seconds = alternating(max(runs, 7), jobs)
+    cv2.setNumThreads(threads)
+    return [
+        seconds_row(f"table, {way} a million points / cv2.fisheye.projectPoints", seconds[way], seconds["cv2"], 1 / 3)
+        for way in ("project", "unproject")
+    ]
+
+
+def gigapixel_rows(scene: Scene, executor: Executor, folder: Path) -> list[Row]:
+    """A gigapixel from a frame of 100 megapixels: memory, and time beside a smaller target from the same frame."""
+    note("gigapixel: rendering the frame")
+    job = Job(_FRAME_OF_100_MEGAPIXELS, _GIGAPIXEL_WIDTH)
+    frame = frame_of(scene, job.camera, executor, supersampling=1)
+    cv2.imwrite(str(folder / "large.tif"), frame[..., ::-1], [cv2.IMWRITE_TIFF_COMPRESSION, 1])
+    del frame
+    save_camera(folder / "large.json", job.camera)
+    per_pixel, peak = {}, {}
+    for width in (8192, job.width):
+        note(f"gigapixel: {width} x {width // 2}")
+        command = _command(folder, folder / "large.tif", folder / "large.json", width, "large_out.tif")
+        seconds, peak[width] = _time_and_peak(command)
+        per_pixel[width] = seconds / (width * (width // 2)) * 1e6
+        (folder / "large_out.tif").unlink()
+    size = f"{job.width} x {job.width // 2} from 100 megapixels, defaults"
+    return [
+        limit_row(f"{size}: peak memory", peak[job.width] / (1 << 30), 1.5, "GiB"),
+        seconds_row(f"{size}: time a megapixel / that of 8192 x 4096", per_pixel[job.width], per_pixel[8192], 1.25),
+    ]
+
+
+def _time_and_peak(command: list[str]) -> tuple[float, float]:
+    """Seconds and peak resident bytes of a whole process, measured by a process in between that has no other child."""
+    watcher = (
+        "import resource, subprocess, sys, time; t = time.perf_counter(); "
+        "subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL); "
+        "print(time.perf_counter() - t, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
+    )
+    done = subprocess.run([sys.executable, "-c", watcher, *command], capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(f"{' '.join(command[:2])}: {done.stderr.strip()[-800:]}")
+    seconds, kilobytes = map(float, done.stdout.split())
+    return seconds, kilobytes * 1024
+
+
+def _command(folder: Path, picture: Path, camera: Path, width: int, output: str) -> list[str]:
+    command = ["fullsphere", "remap", str(picture), "--from", str(camera), "--to", f"equirectangular:{width}"]
+    return [*command, "-o", str(folder / output), "--overwrite"]
+
+
+def _offers(option: str) -> bool:
+    return option in subprocess.run(["fullsphere", "remap", "--help"], capture_output=True, text=True).stdout
+
+
+def _discarded(_: object) -> None:
+    """For timing a call whose result is not wanted."""
