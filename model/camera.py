@@ -230,18 +230,51 @@ class Camera:
         return np.minimum(self.lens.slope(theta), tangential)
 
     def scaled(self, factor: float) -> Self:
-        """The camera of the same picture resampled to `factor` times its sides."""
+        """The camera of the same picture resampled to `factor` times its sides.
+
+        The centre c becomes (c + 0.5) factor - 0.5, lengths grow by the factor, and the sides are rounded to whole
+        pixels.  Legitimate for every picture that holds the whole of the calibrated one at another size, resized or
+        binned, with its proportions kept.  A camera's other formats are often cut before they are scaled (video,
+        16:9): say `cropped` first, or calibrate anew.  Focus and zoom change the lens itself.
+
+        Raises
+        ------
+        CameraError
+            If the factor is not a positive number, or no pixel is left or too many are.
+        """
         if not (math.isfinite(factor) and factor > 0):
-            raise CameraError(f"camera: cannot scale by {factor}")
+            raise CameraError(f"camera: a picture cannot be scaled by {factor}; the factor is a number above 0")
+        width, height = (round(side * factor) for side in self.size)
+        if min(width, height) < 1:
+            raise CameraError(f"camera: scaled by {factor:g}, {self.size[0]} x {self.size[1]} pixels leave none")
         u0, v0 = self.centre
         return dataclasses.replace(
             self,
             lens=self.lens.scaled(factor),
-            size=(max(1, round(self.size[0] * factor)), max(1, round(self.size[1] * factor))),
+            size=(width, height),
             centre=((u0 + 0.5) * factor - 0.5, (v0 + 0.5) * factor - 0.5),
         )
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Self:
-        """The camera of the rectangle of the picture that starts at pixel (left, top)."""
+        """The camera of the rectangle of the picture that starts at pixel (left, top).
+
+        The rectangle may reach past the picture's border, as one does that was padded, but has to share a pixel with
+        it.  Legitimate where pixels were cut off or added and none resampled.  The field of view stays what it was:
+        what lies outside the rectangle is the caller's question, as in `project`.
+
+        Raises
+        ------
+        CameraError
+            If a number is not whole, or the rectangle is empty or beside the picture.
+        """
+        for number in (left, top, width, height):
+            if not (math.isfinite(number) and number == int(number)):
+                raise CameraError(f"camera: a crop is of whole pixels; {number} is not a whole number")
+        across, down = self.size
+        if not (width > 0 and height > 0 and -width < left < across and -height < top < down):
+            raise CameraError(
+                f"camera: a crop of {width} x {height} pixels from ({left}, {top}) on has none in common with the "
+                f"picture of {across} x {down}"
+            )
         u0, v0 = self.centre
-        return dataclasses.replace(self, size=(width, height), centre=(u0 - left, v0 - top))
+        return dataclasses.replace(self, size=(int(width), int(height)), centre=(u0 - left, v0 - top))

@@ -164,16 +164,31 @@ def test_equations_of_the_paper_by_hand() -> None:
     assert (u, v) == pytest.approx((730.109, 782.108), abs=0.001)
 
 
-@given(factor=st.floats(0.1, 8), seed=SEEDS)
-@law()
-def test_scaled_camera_sees_the_resampled_picture(factor: float, seed: int) -> None:
-    camera = fisheye(1000, aspect=1.03)
-    rays = hard_rays(camera.half_fov, seed)
+@every_lens
+@given(data=st.data())
+@law(20)
+def test_scaled_camera_sees_the_resampled_picture(projection: str, data: st.DataObject) -> None:
+    """A point at u of a picture is at (u + 0.5) k - 0.5 of one k times as large: borders fall on borders."""
+    camera, factor, seed = data.draw(cameras(projection)), data.draw(st.floats(0.1, 8)), data.draw(SEEDS)
+    rays = hard_rays(camera.half_fov * (1 - 1e-9), seed)
     scaled = camera.scaled(factor)
     expected = (camera.project(rays) + 0.5) * factor - 0.5
     np.testing.assert_allclose(scaled.project(rays), expected, rtol=0, atol=1e-8)
-    assert scaled.size == (round(1000 * factor), round(1000 * factor))
+    pixels = circle_pixels(dataclasses.replace(camera, half_fov=camera.half_fov * (1 - 1e-9)), seed)
+    error = angle_between(scaled.unproject((pixels + 0.5) * factor - 0.5), camera.unproject(pixels))
+    np.testing.assert_allclose(error * camera.pixels_per_radian(camera.unproject(pixels)), 0, atol=1e-8)
+    assert scaled.size == (round(camera.size[0] * factor), round(camera.size[1] * factor))
     assert (scaled.aspect, scaled.half_fov) == (camera.aspect, camera.half_fov)
+
+
+@every_lens
+@given(data=st.data())
+@law(10)
+def test_scaled_there_and_back_is_the_camera(projection: str, data: st.DataObject) -> None:
+    camera = data.draw(cameras(projection))
+    back = camera.scaled(4.0).scaled(0.25)
+    assert back.size == camera.size
+    np.testing.assert_allclose(back.values, camera.values, rtol=1e-12)
 
 
 @given(camera=cameras("bakstein-pajdla"), factor=st.floats(0.1, 8))
@@ -184,14 +199,27 @@ def test_a_camera_that_sees_all_that_its_lens_images_can_be_scaled(camera: Camer
     assert full.scaled(factor).half_fov == full.half_fov
 
 
-@given(left=st.integers(-300, 300), top=st.integers(-300, 300), seed=SEEDS)
-@law()
-def test_cropped_camera_sees_the_rectangle(left: int, top: int, seed: int) -> None:
-    camera = fisheye(1000)
+@every_lens
+@given(data=st.data())
+@law(20)
+def test_cropped_camera_sees_the_rectangle(projection: str, data: st.DataObject) -> None:
+    camera, seed = data.draw(cameras(projection)), data.draw(SEEDS)
+    width, height = data.draw(st.integers(1, 5000)), data.draw(st.integers(1, 5000))
+    left = data.draw(st.integers(1 - width, camera.size[0] - 1))
+    top = data.draw(st.integers(1 - height, camera.size[1] - 1))
     rays = hard_rays(camera.half_fov, seed)
-    cropped = camera.cropped(left, top, 640, 480)
-    np.testing.assert_allclose(cropped.project(rays), camera.project(rays) - [left, top], rtol=0, atol=1e-9)
-    assert cropped.size == (640, 480)
+    cropped = camera.cropped(left, top, width, height)
+    np.testing.assert_allclose(cropped.project(rays), camera.project(rays) - [left, top], rtol=0, atol=1e-8)
+    assert cropped.size == (width, height)
+    assert (cropped.lens, cropped.aspect, cropped.half_fov) == (camera.lens, camera.aspect, camera.half_fov)
+    np.testing.assert_allclose(cropped.cropped(-left, -top, *camera.size).centre, camera.centre, rtol=0, atol=1e-9)
+
+
+def test_a_binned_picture_is_the_scaled_one() -> None:
+    """The pixel that four become lies between them."""
+    camera = fisheye(1000)
+    four = camera.unproject([[600, 300], [601, 300], [600, 301], [601, 301]])
+    np.testing.assert_allclose(camera.scaled(0.5).project(four).mean(0), [300, 150], rtol=0, atol=1e-9)
 
 
 @every_lens
@@ -225,7 +253,16 @@ BAD: dict[str, Callable[[], Camera]] = {
     "scaled by NaN": lambda: GOOD.scaled(math.nan),
     "a lens value of NaN": lambda: GOOD.with_values([math.nan, *GOOD.values[1:]]),
     "a height below 0": lambda: dataclasses.replace(GOOD, size=(1000, -1000)),
+    "scaled by a negative factor": lambda: GOOD.scaled(-0.5),
+    "scaled endlessly": lambda: GOOD.scaled(math.inf),
+    "scaled to nothing": lambda: GOOD.scaled(4e-4),
+    "scaled past all pictures": lambda: GOOD.scaled(2000.0),
     "a crop without rows": lambda: GOOD.cropped(0, 0, 100, 0),
+    "a crop of negative width": lambda: GOOD.cropped(0, 0, -100, 100),
+    "a crop beside the picture": lambda: GOOD.cropped(1000, 0, 100, 100),
+    "a crop above the picture": lambda: GOOD.cropped(0, -100, 100, 100),
+    "a crop from half a pixel on": lambda: GOOD.cropped(0.5, 0, 100, 100),  # type: ignore[arg-type]
+    "a crop of NaN": lambda: GOOD.cropped(0, 0, math.nan, 100),  # type: ignore[arg-type]
 }
 
 
