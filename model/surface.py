@@ -87,11 +87,13 @@ class SeparableSurface(abc.ABC):
         return pixels
 
     def unproject(self, pixels: ArrayLike) -> FloatArray:
-        """Pixels (..., 2) -> unit rays (..., 3)."""
+        """Pixels (..., 2) -> unit rays (..., 3); NaN for what is no pixel."""
         u, v = np.moveaxis(np.asarray(pixels, float), -1, 0)
-        lon = self._longitude(u)
-        horizontal, vertical = self._profile(self._height(v))
-        return np.stack([horizontal * np.sin(lon), vertical, horizontal * np.cos(lon)], -1)
+        with np.errstate(invalid="ignore"):
+            lon = self._longitude(u)
+            x, z = np.sin(lon), np.cos(lon)
+            horizontal, vertical = self._profile(self._height(v))
+        return np.stack([horizontal * x, np.where(np.isnan(x), np.nan, vertical), horizontal * z], -1)
 
     def column_directions(self, columns: slice) -> FloatArray:
         """(x, z) = (sin lon, cos lon) of whole columns, (w, 2)."""

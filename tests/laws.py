@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fullsphere.model.camera import Camera, Projection
+from fullsphere.model.camera import Camera, FastProjection, Projection
+from fullsphere.model.cube_map import CubeMap
 from fullsphere.model.errors import CameraError
 from fullsphere.model.lens import (
     LENSES,
@@ -26,9 +27,26 @@ from fullsphere.model.lens import (
     Scaramuzza,
     UnifiedCamera,
 )
-from fullsphere.model.surface import Equirectangular
+from fullsphere.model.surface import Cylindrical, Equirectangular, Mercator, Mosaic360
 
 PROJECTIONS = sorted(LENSES)
+
+SURFACES: dict[str, FastProjection] = {
+    "sphere": Equirectangular((400, 200)),
+    "window": Equirectangular((300, 180), (-1.0, 2.5), (-0.4, 0.9)),
+    "window behind": Equirectangular((310, 90), (2.5, 4.0), (0.1, 1.2)),
+    "belt": Equirectangular((500, 90), (-math.pi, math.pi), (-0.4, 0.9)),
+    "cylinder": Cylindrical((400, 150)),
+    "part of a cylinder": Cylindrical((300, 200), 2.0, (-0.3, 1.1)),
+    "mercator": Mercator((400, 300)),
+    "part of mercator": Mercator((300, 250), 3.0, (-1.2, 1.0)),
+    "360x360": Mosaic360((240, 300)),
+    "cube strip": CubeMap(50, "strip"),
+    "cube 3x2": CubeMap(51),
+    "cube cross": CubeMap(40, "cross"),
+    "cube vertical cross": CubeMap(40, "vertical-cross"),
+}
+"""A small picture of every surface that is no lens, and of its windows."""
 
 SEEDS = st.integers(0, 2**32 - 1)
 
