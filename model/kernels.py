@@ -56,6 +56,11 @@ def _compiled(function: _F, **options: Any) -> _F:
         return cast(_F, numba.njit(function, nogil=True, error_model="numpy", **options))
 
 
+PLAIN, FROM_AXIS, FROM_RIM, HALF_ANGLE = 0, 1, 2, 3
+"""The variable over which the cells of a table are equal: z or q itself, a root of q counted from the axis or from the
+rim, the cosine of half the angle."""
+
+
 @compiled
 def _cubic(pieces: np.ndarray, cell: Any, t: Any) -> Any:
     """Value of the piece of `cell` at t."""
@@ -102,8 +107,47 @@ def project_rays(
         pixels[2 * k + 1] = v if inside else nan
 
 
-PLAIN, FROM_AXIS, FROM_RIM = 0, 1, 2
-"""How equal cells of an inverse table lie over q/q_max: evenly, or by its root counted from the axis or the rim."""
+@compiled_apart
+def project_rays_half_angle(
+    rays: np.ndarray,
+    rotation: np.ndarray,
+    pieces: np.ndarray,
+    w_min: float,
+    w_limit: float,
+    centre_u: float,
+    centre_v: float,
+    aspect: float,
+    pixels: np.ndarray,
+) -> None:
+    """`project_rays` of a lens that sees nearly all round: u = centre_u + h(w) x/w, v = centre_v + aspect h(w) y/w.
+
+    w = cos(theta/2), and h(w) = r(theta)/(2 sin(theta/2)) is smooth where r/sin(theta) runs away, towards 180 degrees.
+    There w^2 = (1 + z)/2 would be what is left of a difference, and is taken as (x^2 + y^2)/(2 (1 - z)) instead.
+
+    NaN where w < w_limit, straight behind, and as in `project_rays`; pieces (4 m,) of h over [w_min, 1].
+    """
+    real = pieces.dtype.type
+    zero, half, one, rounding, nan = real(0.0), real(0.5), real(1.0), real(1e-5), real(np.nan)
+    last = real(pieces.size // 4 - 1)
+    per_w = real(pieces.size // 4) / (one - w_min)
+    r00, r01, r02 = rotation[0], rotation[1], rotation[2]
+    r10, r11, r12 = rotation[3], rotation[4], rotation[5]
+    r20, r21, r22 = rotation[6], rotation[7], rotation[8]
+    for k in range(np.uint64(pixels.size // 2)):
+        a, b, c = rays[3 * k], rays[3 * k + 1], rays[3 * k + 2]
+        x = r00 * a + r01 * b + r02 * c
+        y = r10 * a + r11 * b + r12 * c
+        z = r20 * a + r21 * b + r22 * c
+        w = np.sqrt(half * (one + z if z > zero else (x * x + y * y) / (one - z)))
+        inside = (w >= w_limit) & (w > zero) & (abs(a * a + b * b + c * c - one) <= rounding)
+        at = (w - w_min) * per_w if inside else zero
+        cell = np.int32(min(max(at, zero), last))
+        t = at - real(cell)
+        g = _cubic(pieces, cell, t) / w
+        u = centre_u + g * x
+        v = centre_v + g * (aspect * y)
+        pixels[2 * k] = u if inside else nan
+        pixels[2 * k + 1] = v if inside else nan
 
 
 @compiled

@@ -6,8 +6,11 @@ degrees, so that a pixel costs neither arctangent nor sine:
     forward   ray (x, y, z):           g(z) = r(theta)/sin(theta), z = cos(theta);   u = u0 + g x, v = v0 + aspect g y
     inverse   q = x'^2 + y'^2 = r^2:   s(q) = sin(theta)/r, c(q) = cos(theta);       ray = (s x', s y', c)
 
-Where s and c are not smooth in q (r(theta) that stops growing at the rim, or with even powers of theta) the cells of
-the inverse lie evenly over a root of it.
+Where one of them is not smooth, another variable takes its place, at the price of a root: a root of q for the inverse
+of an r(theta) that stops growing at the rim or has even powers of theta, and for the forward table of a lens that sees
+further than 120 degrees from its axis
+
+              w = cos(theta/2):            h(w) = r(theta)/(2 sin(theta/2));   u = u0 + h x/w, v = v0 + aspect h y/w
 """
 
 from __future__ import annotations
@@ -54,12 +57,12 @@ class RayTable:
     error_px
         The largest difference from the exact camera that was measured, in pixels, of `project` and of `unproject`
         followed by the exact `project`, computed in float64.  Rays out of `unproject` are unit to the same accuracy.
-    forward
-        g over z in [cos(half_fov), 1], as cubic pieces in Horner form (cells, 4).
-    inverse_s, inverse_c
-        s and c over q in [0, image_radius^2], as pieces (cells, 4).
-    inverse_variable
-        How the inverse's cells lie over q: PLAIN, FROM_AXIS or FROM_RIM of `kernels.py`.
+    forward, forward_variable
+        g over z in [cos(half_fov), 1] (PLAIN), or h over w in [cos(half_fov/2), 1] (HALF_ANGLE), as cubic pieces in
+        Horner form (cells, 4).
+    inverse_s, inverse_c, inverse_variable
+        s and c over q in [0, image_radius^2], as pieces (cells, 4), the cells equal over q (PLAIN), or over a root of
+        it counted FROM_AXIS or FROM_RIM.
     """
 
     camera: Camera
@@ -67,6 +70,7 @@ class RayTable:
     forward: FloatArray = dataclasses.field(repr=False)
     inverse_s: FloatArray = dataclasses.field(repr=False)
     inverse_c: FloatArray = dataclasses.field(repr=False)
+    forward_variable: int = kernels.PLAIN
     inverse_variable: int = kernels.PLAIN
 
     @property
@@ -88,13 +92,16 @@ class RayTable:
         turn = np.eye(3) if rotation is None else np.asarray(rotation, float)
         if turn.shape != (3, 3):
             raise UsageError(f"a rotation is a matrix of shape (3, 3), not {turn.shape}")
-        real, z_min = given.dtype.type, math.cos(self.camera.half_fov)
-        kernels.project_rays(
+        real = given.dtype.type
+        half_angle = self.forward_variable == kernels.HALF_ANGLE
+        start = math.cos(self.camera.half_fov / 2 if half_angle else self.camera.half_fov)
+        kernel = kernels.project_rays_half_angle if half_angle else kernels.project_rays
+        kernel(
             given.reshape(-1),
             turn.astype(real).reshape(-1),
             self._pieces(real).forward,
-            real(z_min),
-            real(z_min - _ROUNDING[given.dtype]),
+            real(start),
+            real(start - _ROUNDING[given.dtype]),
             *self._placement(real),
             pixels.reshape(-1),
         )
@@ -183,8 +190,7 @@ def tabulate(camera: Camera, tolerance_px: float = 1e-8) -> RayTable:
     Raises
     ------
     ResourceError
-        If 65536 cells do not reach the tolerance (an equidistant lens that sees the whole sphere, say); the message
-        says what was reached.
+        If 65536 cells do not reach the tolerance; the message says what was reached.
     UsageError
         If the tolerance is not a positive number.
     """
@@ -193,4 +199,6 @@ def tabulate(camera: Camera, tolerance_px: float = 1e-8) -> RayTable:
     forward = forward_table(camera, tolerance_px)
     inverse = inverse_table(camera, tolerance_px)
     s, c = (np.ascontiguousarray(pieces) for pieces in np.hsplit(inverse.pieces, 2))
-    return RayTable(camera, max(forward.error_px, inverse.error_px), forward.pieces, s, c, inverse.variable)
+    return RayTable(
+        camera, max(forward.error_px, inverse.error_px), forward.pieces, s, c, forward.variable, inverse.variable
+    )

@@ -16,6 +16,7 @@ from fullsphere.model.lens import FloatArray, angle_of_radius
 
 _MIN_CELLS, _MAX_CELLS = 256, 65536
 _CACHED_CELLS = 4096  # so many are 128 KB a table: they stay in a core's own cache
+_PLAIN_HALF_FOV = math.radians(120)  # beyond, 1/sin(theta) wants ever more cells, and float32 is not enough
 _ON_AXIS = 1e-7  # radians: below it r/sin(theta) is r'(0) to the last bit
 
 
@@ -28,11 +29,14 @@ class Table(NamedTuple):
 
 
 def forward_table(camera: Camera, tolerance_px: float) -> Table:
-    """g = r(theta)/sin(theta) over z = cos(theta) in [cos(half_fov), 1]; raises ResourceError."""
+    """r(theta)/sin(theta) over z = cos(theta), or r(theta)/(2 sin(theta/2)) over cos(theta/2), from the rim to 1.
+
+    The second is for lenses that see further than 120 degrees from the axis.  Raises ResourceError.
+    """
     return _refined(
-        lambda cells, _: _forward_pieces(camera, cells),
-        lambda pieces, _: _forward_error(camera, pieces),
-        (kernels.PLAIN,),
+        lambda cells, variable: _forward_pieces(camera, cells, variable),
+        lambda pieces, variable: _forward_error(camera, pieces, variable),
+        (kernels.PLAIN if camera.half_fov <= _PLAIN_HALF_FOV else kernels.HALF_ANGLE,),
         tolerance_px,
     )
 
@@ -85,11 +89,25 @@ def _radius_over_sine(camera: Camera, theta: FloatArray) -> FloatArray:
     return np.where(theta > _ON_AXIS, camera.lens.radius(safe) / np.sin(safe), camera.lens.slope(0.0))
 
 
-def _forward_pieces(camera: Camera, cells: int) -> FloatArray:
-    z = np.linspace(math.cos(camera.half_fov), 1.0, cells + 1)
-    theta = np.arccos(np.clip(z, -1.0, 1.0))
-    theta[0] = camera.half_fov
-    return _pieces(z, _radius_over_sine(camera, theta))
+def _forward_at(camera: Camera, at: FloatArray, variable: int) -> tuple[FloatArray, FloatArray]:
+    """theta at positions in [0, 1] of a forward table, and what the table holds there."""
+    if variable == kernels.PLAIN:
+        z_min = math.cos(camera.half_fov)
+        theta = np.arccos(np.clip(z_min + at * (1 - z_min), -1.0, 1.0))
+    else:
+        w_min = math.cos(camera.half_fov / 2)
+        theta = 2 * np.arccos(np.clip(w_min + at * (1 - w_min), -1.0, 1.0))
+    theta = np.where(at == 0, camera.half_fov, theta)
+    if variable == kernels.PLAIN:
+        return theta, _radius_over_sine(camera, theta)
+    safe = np.maximum(theta, _ON_AXIS)
+    over_half = camera.lens.radius(safe) / (2 * np.sin(safe / 2))
+    return theta, np.where(theta > _ON_AXIS, over_half, camera.lens.slope(0.0))
+
+
+def _forward_pieces(camera: Camera, cells: int, variable: int) -> FloatArray:
+    at = np.linspace(0.0, 1.0, cells + 1)
+    return _pieces(at, _forward_at(camera, at, variable)[1])
 
 
 def _radius_at(camera: Camera, at: FloatArray, variable: int) -> FloatArray:
@@ -126,12 +144,11 @@ def _evaluate(pieces: FloatArray, at: FloatArray) -> FloatArray:
     return value
 
 
-def _forward_error(camera: Camera, pieces: FloatArray) -> float:
-    z_min = math.cos(camera.half_fov)
+def _forward_error(camera: Camera, pieces: FloatArray, variable: int) -> float:
     at = _probes(pieces.shape[0])
-    theta = np.arccos(np.clip(z_min + at * (1 - z_min), -1.0, 1.0))
-    exact = _radius_over_sine(camera, theta)
-    return float(np.max(np.abs(_evaluate(pieces, at) - exact) * np.sin(theta)) * max(1.0, camera.aspect))
+    theta, exact = _forward_at(camera, at, variable)
+    lever = np.sin(theta) if variable == kernels.PLAIN else 2 * np.sin(theta / 2)
+    return float(np.max(np.abs(_evaluate(pieces, at) - exact) * lever) * max(1.0, camera.aspect))
 
 
 def _inverse_error(camera: Camera, pieces: FloatArray, variable: int) -> float:

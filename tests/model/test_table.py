@@ -214,11 +214,37 @@ def test_even_powers_of_theta_count_by_the_root_from_the_axis() -> None:
     assert table.inverse_s.shape[0] <= 1024
 
 
-@pytest.mark.parametrize(("lens", "half_fov_deg"), [(Equidistant(600.0), 180.0), (Stereographic(50.0), 179.0)])
-def test_what_cannot_be_tabulated_is_refused_with_what_was_reached(lens: Lens, half_fov_deg: float) -> None:
+NEARLY_ALL_ROUND = pytest.mark.parametrize(
+    ("lens", "half_fov_deg"),
+    [
+        (Equidistant(600.0), 180.0),
+        (Equisolid(1000.0), 180.0),
+        (Stereographic(50.0), 175.0),
+        (KannalaBrandt(600.0, 0.002, 0.0, 0.0, 0.0), 179.0),
+        (Equidistant(600.0), 120.001),
+    ],
+)
+
+
+@NEARLY_ALL_ROUND
+def test_lenses_that_see_nearly_all_round(lens: Lens, half_fov_deg: float) -> None:
+    """Towards 180 degrees r/sin(theta) runs away: the forward table holds another function."""
     camera = Camera(lens, (4000, 3000), (2000.0, 1500.0), half_fov=math.radians(half_fov_deg))
+    table = tabulate(camera)
+    assert table.forward_variable == kernels.HALF_ANGLE
+    assert max(largest_errors_px(table, 9)) <= 1.01e-8
+    assert np.isfinite(table.project(rays_within(camera, 9))).all()
+    assert np.isnan(table.project([0.0, 0.0, -1.0])).all()
+    assert np.isnan(table.project(np.array([0, 0, -1], np.float32), dtype=np.float32)).all()
+    if half_fov_deg < 179.9:
+        beyond = rays_at(np.linspace(camera.half_fov + 1e-6, math.pi, 50), 0)
+        assert np.isnan(table.project(beyond)).all()
+
+
+def test_what_cannot_be_tabulated_is_refused_with_what_was_reached() -> None:
+    camera = Camera(Stereographic(1.0), (4000, 3000), (2000.0, 1500.0), half_fov=math.radians(179.9))
     with pytest.raises(ResourceError, match=r"reach .* px"):
-        tabulate(camera)
+        tabulate(camera, 1e-9)
 
 
 @pytest.mark.parametrize("tolerance_px", [0.0, -1.0, math.nan])
@@ -227,9 +253,13 @@ def test_a_tolerance_that_nothing_meets_is_refused(tolerance_px: float) -> None:
         tabulate(fisheye(1000), tolerance_px)
 
 
+WHOLE_SPHERE = Camera(Equidistant(150.0), (1000, 1000), (499.5, 501.5), half_fov=math.pi)
+
+
+@pytest.mark.parametrize("camera", [fisheye(1000), WHOLE_SPHERE], ids=["fisheye", "whole sphere"])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_what_is_no_direction_is_nan(dtype: type) -> None:
-    table = tabulate(fisheye(1000), 1e-3)
+def test_what_is_no_direction_is_nan(dtype: type, camera: Camera) -> None:
+    table = tabulate(camera, 1e-3)
     nothing = [
         [0, 0, 0], [0, 0, 2], [0, 0, 0.99], [0, 0, math.inf], [math.inf, 0, 0], [-math.inf, math.inf, 1],
         [math.nan, 0, 1], [0, math.nan, 1], [0, 0, math.nan], [1e30, 1e30, 1e30],
@@ -245,12 +275,13 @@ def test_what_is_no_direction_is_nan(dtype: type) -> None:
     assert np.isfinite(table.project(good, dtype=dtype)[[0, -1]]).all()
 
 
+@pytest.mark.parametrize("camera", [fisheye(1000), WHOLE_SPHERE], ids=["fisheye", "whole sphere"])
 @pytest.mark.parametrize("single", [False, True])
 @given(start=st.integers(0, 40), count=st.integers(1, 150))
 @law(20)
-def test_bits_do_not_depend_on_how_arrays_are_split(single: bool, start: int, count: int) -> None:
+def test_bits_do_not_depend_on_how_arrays_are_split(single: bool, camera: Camera, start: int, count: int) -> None:
     """A vector's worth of rays, the rest of a row, one alone: nothing is re-associated or fused."""
-    dtype, table, turn = np.float32 if single else np.float64, tabulate(fisheye(1000), 1e-6), rotation(2)
+    dtype, table, turn = np.float32 if single else np.float64, tabulate(camera, 1e-6), rotation(2)
     rays = (rays_at(np.random.default_rng(1).uniform(0, 1.1 * table.camera.half_fov, 200), 1) @ turn).astype(dtype)
     part = slice(start, start + count)
     pixels = table.project(rays, turn, dtype)
@@ -292,12 +323,12 @@ def test_what_is_no_array_of_rays_or_pixels_is_refused() -> None:
         table.project([0, 0, 1], [0, 0, 1])
 
 
-def test_no_kernel_fuses_a_product_and_a_sum() -> None:
+@pytest.mark.parametrize("kernel", [kernels.project_rays, kernels.project_rays_half_angle])
+def test_no_kernel_fuses_a_product_and_a_sum(kernel: Any) -> None:
     """Else the bits of a vector and of the rest of a row could differ."""
     rays, pixels, turn = np.zeros(30), np.zeros(20), np.eye(3).reshape(-1)
     pieces = np.ones(16)
-    source = kernels.project_rays.py_func  # type: ignore[attr-defined]
-    fresh = numba.njit(source, error_model="numpy", pipeline_class=kernels._ArraysApart)
+    fresh = numba.njit(kernel.py_func, error_model="numpy", pipeline_class=kernels._ArraysApart)
     fresh(rays, turn, pieces, -0.1, -0.1, 0.0, 0.0, 1.0, pixels)
     (assembly,) = fresh.inspect_asm().values()
     assert "mul" in assembly
@@ -319,6 +350,24 @@ def test_project_kernel_against_its_twin() -> None:
     g = _cubic(table.forward, (z - z_min) / (1 - z_min))
     twin = np.stack([camera.centre[0] + g * x, camera.centre[1] + camera.aspect * g * y], -1)
     twin[(z < z_min - 1e-12) | (abs((rays**2).sum(-1) - 1) > 1e-5)] = np.nan
+    np.testing.assert_allclose(pixels, twin, rtol=0, atol=1e-9)
+    assert 0 < np.isnan(pixels[:, 0]).sum() < 501
+
+
+def test_half_angle_kernel_against_its_twin() -> None:
+    turn, centre, aspect, w_min = rotation(11), (480.0, 510.0), 0.97, 0.1
+    rays = rays_at(np.random.default_rng(0).uniform(0, math.pi, 501), 4)
+    rays[7] *= 1.01
+    pieces = np.random.default_rng(1).uniform(-1, 1, (64, 4))
+    pixels = np.empty((501, 2))
+    kernels.project_rays_half_angle(
+        rays.reshape(-1), turn.reshape(-1), pieces.reshape(-1), w_min, w_min, *centre, aspect, pixels.reshape(-1)
+    )
+    x, y, z = (rays @ turn.T).T
+    w = np.cos(np.arctan2(np.hypot(x, y), z) / 2)
+    h = _cubic(pieces, np.maximum(w - w_min, 0) / (1 - w_min))
+    twin = np.stack([centre[0] + h * x / w, centre[1] + aspect * h * y / w], -1)
+    twin[(w < w_min) | (abs((rays**2).sum(-1) - 1) > 1e-5)] = np.nan
     np.testing.assert_allclose(pixels, twin, rtol=0, atol=1e-9)
     assert 0 < np.isnan(pixels[:, 0]).sum() < 501
 
