@@ -84,7 +84,7 @@ def parse_projection(text: str) -> Placed:
 
 
 _EXAMPLES = {"equirectangular": "8192", "perspective": "1920x1080", "cube": "1024", "360x360": "8192"}
-_NUMBER = r"[+-]?(?:\d{1,9}(?:\.\d{0,12})?|\.\d{1,12})"
+_NUMBER = r"[+-]?(?:[0-9]{1,9}(?:\.[0-9]{0,12})?|\.[0-9]{1,12})"
 _TURNS = ("yaw", "pitch", "roll")
 _PLANET_FIELD = math.radians(300)
 _ENDLESS = 1e9  # focal lengths: a lens with such a radius at its last angle does not reach it in a picture
@@ -153,7 +153,7 @@ def _rotation(options: _Options, pitch: float = 0.0) -> FloatArray:
 
 def _sides(text: str) -> tuple[int, int | None]:
     """Width and height, or width alone."""
-    found = re.fullmatch(r"(\d{1,9})(?:[xX](\d{1,9}))?", text)
+    found = re.fullmatch(r"([0-9]{1,9})(?:[xX]([0-9]{1,9}))?", text)
     if not found:
         raise UsageError(f"{text!r} is no size in pixels such as 1920x1080 or 2048")
     sides = (int(found[1]), None if found[2] is None else int(found[2]))
