@@ -23,7 +23,7 @@ Shape = tuple[int, int, int]
 _ROWS_READ_BACK = 64
 _DTYPES = {"uint8": "uint8", "uint16": "uint16", "half": "float16", "float": "float32"}
 _SAMPLED = 16  # of the bands of a lossy file every so many rows and columns are kept, to compare
-_LARGEST_LOSS = 0.5  # of the mean; DWAA loses a tenth of white noise, a broken picture has nothing in common
+_LARGEST_LOSS = 0.5  # of the mean; DWAB loses a tenth of white noise, a broken picture has nothing in common
 _ORDER_WITH_ALPHA = {1: [0], 2: [0, 0, 0, 1], 3: [2, 1, 0], 4: [2, 1, 0, 3]}  # the encoders know no grey with alpha
 _ORDER_WITHOUT = {1: [0], 2: [0], 3: [2, 1, 0], 4: [2, 1, 0]}
 

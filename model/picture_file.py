@@ -6,7 +6,6 @@ Pixels are in sensor coordinates, as stored: the EXIF orientation is kept beside
 from __future__ import annotations
 
 import contextlib
-import math
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from fullsphere.model.errors import InputError
 from fullsphere.model.image_library import ImageSpec
 from fullsphere.model.picture_blocks import PictureBlocks
-from fullsphere.model.picture_metadata import CAPTURE_NAMES, Attributes, Value
+from fullsphere.model.picture_metadata import CAPTURE_NAMES, Attributes, Value, sound
 from fullsphere.model.resources import require_memory
 
 CACHE_BYTES = 1 << 26
@@ -218,16 +217,5 @@ def _icc_profile(spec: ImageSpec) -> bytes | None:
 
 def _capture_metadata(spec: ImageSpec) -> dict[str, Value]:
     """The known capture attributes that hold something sound."""
-    found = {name: _sound(spec.getattribute(name)) for name in CAPTURE_NAMES}
+    found = {name: sound(name, spec.getattribute(name)) for name in CAPTURE_NAMES}
     return {name: value for name, value in found.items() if value is not None}
-
-
-def _sound(value: object) -> Value | None:
-    """An attribute of a file, which is untrusted: texts without control characters, numbers that are finite."""
-    if isinstance(value, str):
-        return "".join(c for c in value if c.isprintable()).strip()[:500] or None
-    if isinstance(value, int | float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, tuple) and len(value) == 3 and all(isinstance(n, int | float) for n in value):
-        return value if all(math.isfinite(n) for n in value) else None
-    return None

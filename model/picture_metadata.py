@@ -5,6 +5,7 @@ Attributes carry OpenImageIO's names.  TIFF and OpenEXR take them from there; JP
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from importlib.metadata import version
 from xml.sax.saxutils import quoteattr
@@ -16,30 +17,32 @@ Attributes = Mapping[str, Value]
 
 _SPACES = {"GPano": "http://ns.google.com/photos/1.0/panorama/", "xmp": "http://ns.adobe.com/xap/1.0/"}
 
-CAPTURE_NAMES = (
-    "Make",
-    "Model",
-    "Artist",
-    "Copyright",
-    "DateTime",
-    "ExposureTime",
-    "FNumber",
-    "Exif:DateTimeOriginal",
-    "Exif:FocalLength",
-    "Exif:ExposureBiasValue",
-    "Exif:LensModel",
-    "Exif:PhotographicSensitivity",
-    "GPS:LatitudeRef",
-    "GPS:Latitude",
-    "GPS:LongitudeRef",
-    "GPS:Longitude",
-    "GPS:AltitudeRef",
-    "GPS:Altitude",
-    "GPS:TimeStamp",
-    "GPS:DateStamp",
-    "GPS:ImgDirectionRef",
-    "GPS:ImgDirection",
-)
+_KINDS: dict[str, type] = {
+    "Make": str,
+    "Model": str,
+    "Artist": str,
+    "Copyright": str,
+    "DateTime": str,
+    "ExposureTime": float,
+    "FNumber": float,
+    "Exif:DateTimeOriginal": str,
+    "Exif:FocalLength": float,
+    "Exif:ExposureBiasValue": float,
+    "Exif:LensModel": str,
+    "Exif:PhotographicSensitivity": float,
+    "GPS:LatitudeRef": str,
+    "GPS:Latitude": tuple,
+    "GPS:LongitudeRef": str,
+    "GPS:Longitude": tuple,
+    "GPS:AltitudeRef": float,
+    "GPS:Altitude": float,
+    "GPS:TimeStamp": tuple,
+    "GPS:DateStamp": str,
+    "GPS:ImgDirectionRef": str,
+    "GPS:ImgDirection": float,
+}
+
+CAPTURE_NAMES = tuple(_KINDS)
 """The attributes of a photograph that are read, and that what is made of it carries on."""
 
 
@@ -103,6 +106,22 @@ def carried(
     space = b"GRAY" if channels < 3 else b"RGB "
     fits = icc_profile is not None and same_samples and icc_profile[16:20] == space
     return attributes, icc_profile if fits else None
+
+
+def sound(name: str, value: object) -> Value | None:
+    """A capture attribute as a file holds it, which is untrusted; None if it is not what its name says.
+
+    Texts lose control characters and what is beyond 500 characters; numbers are finite; places and times of GPS are
+    three numbers.
+    """
+    kind = _KINDS[name]
+    if isinstance(value, str):
+        return "".join(c for c in value if c.isprintable()).strip()[:500] or None if kind is str else None
+    if isinstance(value, int | float):
+        return value if kind is float and math.isfinite(value) else None
+    if isinstance(value, tuple) and kind is tuple and len(value) == 3:
+        return value if all(isinstance(number, int | float) and math.isfinite(number) for number in value) else None
+    return None
 
 
 def xmp_packet(attributes: Attributes) -> bytes:

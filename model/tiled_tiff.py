@@ -31,8 +31,12 @@ def tiff_spec(
     # day, and the same panorama would never be the same bytes.
     spec.attribute("Exif:ColorSpace", 1 if dtype.kind == "u" else 65535)
     spec.attribute("DateTime", "")
+    # The library leaves the reference of the altitude out of a TIFF, and fails where it is the only one of GPS.
+    below_sea = attributes.get("GPS:AltitudeRef") not in (None, 0)
+    left_out = ("GPS:AltitudeRef", "GPS:Altitude") if below_sea else ("GPS:AltitudeRef",)
     for name, value in attributes.items():
-        set_attribute(spec, name, value)
+        if name not in left_out:
+            set_attribute(spec, name, value)
     if icc_profile:
         spec.attribute("ICCProfile", *byte_array(icc_profile))
     return spec
