@@ -28,8 +28,9 @@ from OpenImageIO import ImageInput, ImageOutput, ImageSpec, TypeDesc
 from fullsphere.model.errors import InputError
 from fullsphere.model.files import input_errors
 
-# With more than two threads OpenImageIO compresses the tiles of a TIFF by itself: the bytes then differ from run to run
-# and are a fifth more, and it takes twice the time.  Pictures are read in parallel by our own pool.
+# With three threads and more OpenImageIO compresses the tiles of a TIFF by itself and with zlib, where libtiff alone has
+# libdeflate: other bytes, a fifteenth more of them, and three times slower on two cores.  Pictures are read in parallel
+# by our own pool.
 OpenImageIO.attribute("threads", 1)
 
 __all__ = [

@@ -12,7 +12,15 @@ import pytest
 from numpy.typing import NDArray
 
 from fullsphere.model.errors import OutputError, ResourceError, UsageError
-from fullsphere.model.images import PanoramaWriter, check_panorama, gpano, open_panorama, picture_size, read_picture
+from fullsphere.model.images import (
+    PanoramaWriter,
+    check_panorama,
+    gpano,
+    open_panorama,
+    open_picture,
+    picture_size,
+    read_picture,
+)
 from fullsphere.model.panorama_writers import EncodedWriter, TiledWriter
 
 SIZE = (1100, 550)  # neither side a multiple of a tile's
@@ -40,7 +48,7 @@ def test_a_tiff_holds_what_was_written_whatever_the_bands(tmp_path: Path, step: 
 
 @pytest.mark.parametrize("ending", [".tif", ".TIFF", ".png"])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
-@pytest.mark.parametrize("channels", [1, 3, 4])
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
 def test_lossless_formats_hold_what_was_written(tmp_path: Path, ending: str, dtype: type, channels: int) -> None:
     pixels = panorama(channels, dtype)[:300]
     if ending == ".png" and dtype is np.float32:
@@ -50,17 +58,61 @@ def test_lossless_formats_hold_what_was_written(tmp_path: Path, ending: str, dty
     write(tmp_path / f"x{ending}", pixels)
     read = read_picture(tmp_path / f"x{ending}").pixels
     assert read.dtype == pixels.dtype
-    assert np.array_equal(read, pixels)
+    assert np.array_equal(read, pixels[..., [0, 0, 0, 1]] if channels == 2 else pixels)
 
 
-@pytest.mark.parametrize("channels", [1, 3, 4])
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
 def test_a_jpeg_is_close_and_has_no_alpha(tmp_path: Path, channels: int) -> None:
     ramp = np.mgrid[0 : SIZE[1], 0 : SIZE[0]].transpose(1, 2, 0) * 255 // 1100
     pixels = np.dstack([ramp, 255 - ramp])[..., :channels].astype(np.uint8)
     write(tmp_path / "x.jpeg", pixels)
     read = read_picture(tmp_path / "x.jpeg").pixels
-    assert read.shape[2] == min(channels, 3)
-    assert np.abs(read.astype(int) - pixels[..., :3]).max() <= 6  # of a smooth picture, at quality 95
+    colours = 1 if channels < 3 else 3
+    assert read.shape[2] == colours
+    assert np.abs(read.astype(int) - pixels[..., :colours]).max() <= 6  # of a smooth picture, at quality 95
+
+
+@pytest.mark.parametrize(("ending", "compressions"), [(".tif", ("zip", "lzw", "none")), (".png", ("zip", "none"))])
+def test_every_compression_holds_the_same_pixels(tmp_path: Path, ending: str, compressions: tuple[str, ...]) -> None:
+    pixels = np.cumsum(panorama(3, np.uint8) // 100, axis=1, dtype=np.uint8)
+    sizes = []
+    for compression in (None, *compressions):
+        path = tmp_path / f"{compression}{ending}"
+        write(path, pixels, compression=compression)
+        assert np.array_equal(read_picture(path).pixels, pixels)
+        sizes.append(path.stat().st_size)
+    assert sizes[0] == sizes[1]
+    assert sizes[-1] > pixels.nbytes
+    assert all(size < 0.7 * pixels.nbytes for size in sizes[:-1])
+
+
+def test_a_jpeg_has_the_quality_that_is_asked_for(tmp_path: Path) -> None:
+    pixels = panorama(3, np.uint8)  # white noise, of which most is lost
+    sizes = []
+    for quality in ("1", "30", "60", "90", "100"):
+        write(tmp_path / f"{quality}.jpg", pixels, compression=quality)
+        sizes.append((tmp_path / f"{quality}.jpg").stat().st_size)
+    assert sizes == sorted(sizes)
+    assert sizes[-1] > 5 * sizes[0]
+    write(tmp_path / "x.jpg", pixels)
+    write(tmp_path / "95.jpg", pixels, compression="95")
+    assert (tmp_path / "x.jpg").read_bytes() == (tmp_path / "95.jpg").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "compression", "known"),
+    [
+        ("x.tif", "piz", "zip, lzw, none"),
+        ("x.tif", "", "zip, lzw, none"),
+        ("x.png", "lzw", "zip, none"),
+        ("x.jpg", "zip", "1 to 100"),
+        ("x.jpg", "0", "1 to 100"),
+        ("x.jpg", "101", "1 to 100"),
+    ],
+)
+def test_an_unknown_compression_is_refused_with_the_known_ones(name: str, compression: str, known: str) -> None:
+    with pytest.raises(UsageError, match=known):
+        check_panorama(Path(name), (100, 50), 3, np.uint8, compression)
 
 
 def test_the_same_panorama_is_the_same_bytes(tmp_path: Path) -> None:
@@ -268,6 +320,36 @@ def test_a_file_that_does_not_read_back_is_not_put_in_place(
     with pytest.raises(OutputError, match="read back"):
         write(tmp_path / f"x{ending}", panorama(3, np.uint8))
     assert list(tmp_path.iterdir()) == []
+
+
+MORE_THAN_4_GB = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from fullsphere.model.images import open_panorama
+size = (46340, 23170)
+with open_panorama(Path(sys.argv[1]), size, 4, np.uint8, {}, False, compression="none") as writer:
+    for y0 in range(0, size[1], 256):
+        rows = np.empty((min(256, size[1] - y0), size[0], 4), np.uint8)
+        rows[:] = (np.arange(len(rows)) + y0)[:, None, None] % 251
+        writer.write_rows(y0, rows)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="measures memory")
+def test_a_gigapixel_is_written_out_of_core_as_a_big_tiff(tmp_path: Path) -> None:
+    path = tmp_path / "x.tif"
+    child = subprocess.run([sys.executable, "-c", MORE_THAN_4_GB, str(path)], capture_output=True, text=True)
+    assert child.stderr == ""
+    assert int(child.stdout) < 500  # MB: the libraries, and some bands of 47 MB
+    with path.open("rb") as file:
+        assert file.read(4) in (b"II+\x00", b"MM\x00+")
+    assert path.stat().st_size > 1 << 32
+    with open_picture(path) as file:
+        assert file.size == (46340, 23170)
+        assert np.array_equal(file.window(46000, 23000, 340, 170)[:, 7, 2], np.arange(23000, 23170) % 251)
 
 
 def test_a_missing_folder_and_an_existing_file(tmp_path: Path) -> None:
