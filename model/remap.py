@@ -1,30 +1,227 @@
-"""Any projection -> any projection."""
+"""Any projection -> any projection: the page of verbs.
+
+A target is computed in tiles: their positions in the source come from `positions.py`, their values from a picture made
+ready by `source_picture.py`.  Neither rays nor maps of a whole picture ever exist, unless a `Remapper` is asked to keep
+them for the next frame.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import threading
+from collections.abc import Iterator
 from concurrent.futures import Executor
-from typing import Any
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fullsphere.model import sampling_kernels as kernels
 from fullsphere.model.camera import Camera, Projection
 from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import FloatArray
-from fullsphere.model.sampling import INTERPOLATIONS, Interpolation, sample, smoothed
+from fullsphere.model.positions import Geometry, Positions
+from fullsphere.model.source_picture import BORDER, Samples, SourcePicture, source_picture
 from fullsphere.model.surface import Equirectangular
-from fullsphere.model.table import RayTable, tabulate
+from fullsphere.model.table import RayTable
 from fullsphere.model.workers import ordered_map
 
-TILE_PX = 512
-"""Side of the tiles in which a target is computed: their rays and maps stay in the processor's cache."""
+Interpolation = Literal["nearest", "linear", "cubic", "lanczos3"]
 
-_PAD = 4  # pixels added around a panorama as source, enough for every kernel; smoothing reaches 1.8 ratios further
-_LEAST_COVER = 0.5  # share of the kernel's weight that must lie on seen pixels
+INTERPOLATIONS: tuple[Interpolation, ...] = get_args(Interpolation)
+"""The interpolations, in the order of their quality."""
+
+TILE_PX = 512
+"""Side of the tiles of `tiles`: their rays and maps stay in the processor's cache."""
+
+_ROWS, _COLUMNS = 64, 512  # of the tiles in here: positions and the part of the source that they need stay in the cache
+_KINDS = dict(zip(INTERPOLATIONS, (kernels.NEAREST, kernels.LINEAR, kernels.CUBIC, kernels.LANCZOS3), strict=True))
 
 Tile = tuple[slice, slice]
+
+
+class Band(NamedTuple):
+    """Finished rows of a target from `top`: pixels (n, W, ...) and weight (n, W) float32."""
+
+    top: int
+    pixels: NDArray[Any]
+    weight: NDArray[np.float32]
+
+
+def remap(
+    image: NDArray[Any],
+    source: Projection,
+    target: Projection,
+    target_from_source: ArrayLike | None = None,
+    interpolation: Interpolation = "cubic",
+    executor: Executor | None = None,
+    *,
+    antialias: bool = True,
+    linear_light: bool = False,
+) -> tuple[NDArray[Any], NDArray[np.float32]]:
+    """Resample a picture from one projection into another.
+
+    Parameters
+    ----------
+    image
+        Pixels (h, w) or (h, w, c) of `source`, uint8, uint16, float16 or float32, c at most 4; with 2 or 4 channels the
+        last is alpha, colours not multiplied by it.
+    source, target
+        The two projections; a Camera is tabulated.
+    target_from_source
+        Rotation (3, 3) that takes rays of the source's frame into the target's; none by default.
+    interpolation
+        "nearest", "linear", "cubic" (Keys 1981, slope -1/2) or "lanczos3".
+    executor
+        Where tiles are computed side by side.
+    antialias
+        Average over the footprint of target pixels that are larger than source pixels.
+    linear_light
+        Average integer samples, which are sRGB codes, in linear light instead of by their codes.
+
+    Returns
+    -------
+    image
+        The target's pixels (H, W, ...) in the type of `image`; zero where the source saw nothing.
+    weight
+        (H, W) float32: 1 where the source saw the direction, 0 where it did not.  Along the rim of a field of view
+        only seen pixels count, so that the dark beyond it leaves no fringe.
+
+    Raises
+    ------
+    UsageError
+        If the image is not of the source's size, has other samples or channels, the interpolation is not known, or the
+        rotation is none.
+    """
+    remapper = Remapper(
+        source,
+        target,
+        target_from_source,
+        interpolation,
+        antialias=antialias,
+        linear_light=linear_light,
+        executor=executor,
+    )
+    return remapper(image)
+
+
+class Remapper:
+    """`remap` for frame after frame: what does not change from one to the next is made once.
+
+    Parameters
+    ----------
+    source, target, target_from_source, interpolation, antialias, linear_light, executor
+        As `remap`.
+    kept_bytes
+        Memory that positions may take to be kept for the next frame, 8 bytes for each pixel that the source sees; what
+        does not fit is computed anew each time.  The pixels that come out are the same.
+    """
+
+    def __init__(
+        self,
+        source: Projection,
+        target: Projection,
+        target_from_source: ArrayLike | None = None,
+        interpolation: Interpolation = "cubic",
+        *,
+        antialias: bool = True,
+        linear_light: bool = False,
+        kept_bytes: int = 0,
+        executor: Executor | None = None,
+    ) -> None:
+        if interpolation not in INTERPOLATIONS:
+            raise UsageError(f"interpolation {interpolation!r} is not one of {', '.join(INTERPOLATIONS)}")
+        self.source, self.target = source, target
+        turn = np.eye(3) if target_from_source is None else np.asarray(target_from_source, float).T
+        self._geometry = Geometry(source, target, turn, BORDER)
+        self._kind = _KINDS[interpolation]
+        self._halo = 1 if antialias and self._kind != kernels.NEAREST else 0
+        self._linear_light, self._executor = linear_light, executor
+        self._kept: dict[tuple[int, int], Positions | None] = {}
+        self._room, self._lock = kept_bytes, threading.Lock()
+
+    def __call__(self, image: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.float32]]:
+        """The whole target's pixels and weight, as `remap` gives them."""
+        picture = self._made_ready(image)
+        width, height = self.target.size
+        result = np.zeros((height, width, picture.samples.channels), image.dtype)
+        weight = np.zeros((height, width), np.float32)
+
+        def fill(rows: slice) -> None:
+            self._fill(picture, rows, result[rows], weight[rows])
+
+        for _ in ordered_map(self._executor, fill, _rows_of(height)):
+            pass
+        return result.reshape(height, width, *image.shape[2:]), weight
+
+    def bands(self, image: NDArray[Any], rows: int = _ROWS) -> Iterator[Band]:
+        """The target in bands of `rows` rows from the top, for a file that is written as it is computed.
+
+        Only a few bands exist at a time.  The pixels are those of a call.
+        """
+        picture = self._made_ready(image)
+        width, height = self.target.size
+
+        def made(band: slice) -> Band:
+            count = band.stop - band.start
+            pixels = np.zeros((count, width, picture.samples.channels), image.dtype)
+            weight = np.zeros((count, width), np.float32)
+            self._fill(picture, band, pixels, weight)
+            return Band(band.start, pixels.reshape(count, width, *image.shape[2:]), weight)
+
+        yield from ordered_map(self._executor, made, _rows_of(height, rows), ahead=4)
+
+    def _made_ready(self, image: NDArray[Any]) -> SourcePicture:
+        if (image.shape[1], image.shape[0]) != self.source.size:
+            width, height = self.source.size
+            raise UsageError(
+                f"the picture is {image.shape[1]} x {image.shape[0]} but its projection is for {width} x {height}"
+            )
+        pixels = image[..., None] if image.ndim == 2 else image
+        if image.dtype not in (np.uint8, np.uint16, np.float16, np.float32) or not 1 <= pixels.shape[-1] <= 4:
+            raise UsageError(
+                f"a picture of {pixels.shape[-1]} channels of {image.dtype}: give 1 to 4 channels of uint8, uint16, "
+                "float16 or float32"
+            )
+        samples = Samples(image.dtype, pixels.shape[-1], self._linear_light)
+        return source_picture(pixels, self.source, samples)
+
+    def _fill(self, picture: SourcePicture, rows: slice, pixels: NDArray[Any], weight: NDArray[np.float32]) -> None:
+        """Compute rows of the target into `pixels` and `weight`, which are zero."""
+        for top in range(rows.start, rows.stop, _ROWS):
+            bottom = min(top + _ROWS, rows.stop)
+            for left in range(0, self.target.size[0], _COLUMNS):
+                columns = slice(left, min(left + _COLUMNS, self.target.size[0]))
+                found = self._positions(slice(top, bottom), columns)
+                if found is None:
+                    continue
+                here = slice(top - rows.start, bottom - rows.start)
+                shape = (bottom - top, columns.stop - columns.start)
+                pixels[here, columns] = picture.sampled(found.u, found.v, self._kind, shape)
+                middle = found.u[self._halo : self._halo + shape[0], self._halo : self._halo + shape[1]]
+                weight[here, columns] = middle == middle
+
+    def _positions(self, rows: slice, columns: slice) -> Positions | None:
+        """Positions of a tile and, for footprints, of the pixels around it; kept where there is room."""
+        place = (rows.start, columns.start)
+        if place in self._kept:
+            return self._kept[place]
+        halo = self._halo
+        found = self._geometry.positions(
+            slice(rows.start - halo, rows.stop + halo), slice(columns.start - halo, columns.stop + halo)
+        )
+        needed = 0 if found is None else found.u.nbytes + found.v.nbytes
+        with self._lock:
+            keeps = needed <= self._room
+            self._room -= needed if keeps else 0
+        if keeps:
+            self._kept[place] = found
+        return found
+
+
+def _rows_of(height: int, count: int = _ROWS) -> Iterator[slice]:
+    for top in range(0, height, count):
+        yield slice(top, min(top + count, height))
 
 
 def tiles(size: tuple[int, int], side: int = TILE_PX) -> list[Tile]:
@@ -55,133 +252,3 @@ def pixels_per_radian(projection: Projection) -> float:
     if isinstance(projection, RayTable):
         return pixels_per_radian(projection.camera)
     return projection.size[0] / (2 * math.pi)
-
-
-def remap(
-    image: NDArray[Any],
-    source: Projection,
-    target: Projection,
-    target_from_source: ArrayLike | None = None,
-    interpolation: Interpolation = "cubic",
-    executor: Executor | None = None,
-) -> tuple[NDArray[Any], NDArray[np.float32]]:
-    """Resample a picture from one projection into another.
-
-    Parameters
-    ----------
-    image
-        Pixels (h, w) or (h, w, c) of `source`, uint8, uint16 or float32, c at most 4.
-    source, target
-        The two projections; a Camera is tabulated first.
-    target_from_source
-        Rotation (3, 3) that takes rays of the source's frame into the target's; none by default.
-    interpolation
-        "nearest", "linear" or "cubic".
-    executor
-        Where tiles are computed side by side.
-
-    Returns
-    -------
-    image
-        The target's pixels in the type of `image`; zero where the source saw nothing.
-    weight
-        (H, W) float32: 1 where the source saw the direction, 0 where it did not.  Near the rim of the field of view
-        only seen pixels count, so that the dark beyond it leaves no fringe.
-
-    Raises
-    ------
-    UsageError
-        If the image is not of the source's size, or the interpolation is not known.
-    """
-    if (image.shape[1], image.shape[0]) != source.size:
-        raise UsageError(f"the picture is {image.shape[1]} x {image.shape[0]} but its projection is for {source.size}")
-    if interpolation not in INTERPOLATIONS:
-        raise UsageError(f"interpolation {interpolation!r} is not one of {', '.join(INTERPOLATIONS)}")
-    source_from_target = np.eye(3) if target_from_source is None else np.asarray(target_from_source, float).T
-    ratio = 1.0 if interpolation == "nearest" else pixels_per_radian(source) / pixels_per_radian(target)
-    read = _reader(image, source, source_from_target, interpolation, ratio)
-    width, height = target.size
-    result = np.zeros((height, width, *image.shape[2:]), image.dtype)
-    weight = np.zeros((height, width), np.float32)
-
-    def fill(tile: Tile) -> None:
-        result[tile], weight[tile] = read(window_rays(target, tile))
-
-    for _ in ordered_map(executor, fill, tiles(target.size)):
-        pass
-    return result, weight
-
-
-_Reader = Callable[[FloatArray], tuple[NDArray[Any], NDArray[np.float32]]]
-
-
-def _reader(
-    image: NDArray[Any], source: Projection, turn: FloatArray, interpolation: Interpolation, ratio: float
-) -> _Reader:
-    """A function from target rays (h, w, 3) to values and weights; `ratio` is how much coarser the target is."""
-    if isinstance(source, Equirectangular):
-        return _panorama_reader(image, source, turn, interpolation, ratio)
-    fast = tabulate(source) if isinstance(source, Camera) else source
-    width, height = source.size
-    seen = _seen(fast)
-    if seen is not None:
-        image = image * seen.reshape(*seen.shape, *[1] * (image.ndim - 2)).astype(image.dtype)
-        seen = smoothed(seen, ratio)
-    image = smoothed(image, ratio)
-
-    def read(rays: FloatArray) -> tuple[NDArray[Any], NDArray[np.float32]]:
-        if isinstance(fast, RayTable):
-            pixels = fast.project(rays, turn, np.float32)
-        else:
-            pixels = fast.project(rays @ turn.T).astype(np.float32)
-        u, v = pixels[..., 0], pixels[..., 1]
-        with np.errstate(invalid="ignore"):
-            inside = (u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)
-        pixels[~inside] = np.nan
-        values = sample(image, pixels, interpolation)
-        if seen is not None:
-            cover = sample(seen, pixels, interpolation)
-            inside &= cover >= _LEAST_COVER
-            values = _divided(values, cover)
-        values[~inside] = 0
-        return values, inside.astype(np.float32)
-
-    return read
-
-
-def _seen(projection: Projection) -> NDArray[np.float32] | None:
-    """1 for the pixels (h, w) of a picture that look somewhere, 0 for the rest; None where all do."""
-    width, height = projection.size
-    seen = np.empty((height, width), np.float32)
-    for tile in tiles(projection.size):
-        seen[tile] = np.isfinite(window_rays(projection, tile)[..., 0])
-    return None if seen.all() else seen
-
-
-def _divided(values: NDArray[Any], cover: NDArray[np.float32]) -> NDArray[Any]:
-    """Values over the share of the kernel that lay on seen pixels, in the type of `values`."""
-    partial = (cover != 1) & (cover >= _LEAST_COVER)
-    if partial.any():
-        share = cover[partial].reshape(-1, *[1] * (values.ndim - 2))
-        exact = values[partial] / share
-        if np.issubdtype(values.dtype, np.integer):
-            exact = np.clip(np.round(exact), 0, np.iinfo(values.dtype).max)
-        values[partial] = exact
-    return values
-
-
-def _panorama_reader(
-    image: NDArray[Any], source: Equirectangular, turn: FloatArray, interpolation: Interpolation, ratio: float
-) -> _Reader:
-    """The panorama is padded once, before it is smoothed: wrapped sideways, turned by half past the poles."""
-    height, width = image.shape[:2]
-    pad = min(_PAD + math.ceil(2 * ratio), height)
-    top, bottom = (np.roll(rows[::-1], width // 2, axis=1) for rows in (image[:pad], image[-pad:]))
-    tall = np.concatenate([top, image, bottom])
-    padded = smoothed(np.ascontiguousarray(np.concatenate([tall[:, -pad:], tall, tall[:, :pad]], axis=1)), ratio)
-
-    def read(rays: FloatArray) -> tuple[NDArray[Any], NDArray[np.float32]]:
-        pixels = (source.project(rays @ turn.T) + pad).astype(np.float32)
-        return sample(padded, pixels, interpolation), np.isfinite(pixels[..., 0]).astype(np.float32)
-
-    return read

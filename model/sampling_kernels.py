@@ -1,0 +1,552 @@
+"""Compiled loops that read a picture between its pixels: nearest, linear, cubic and Lanczos-3, points or footprints.
+
+A source is a flat array of texels with a border, so that no tap can miss it.  Positions are taken `_CHUNK` at a time:
+fractions and indices are computed, texels are gathered (the only loop that is not vectorised), and weights are applied.
+Eight-bit colour comes as four bytes in one 32-bit texel, so that one load brings a whole pixel.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fullsphere.model.kernels import compiled
+
+NEAREST, LINEAR, CUBIC, LANCZOS3 = 0, 1, 2, 3
+TAPS = (1, 2, 4, 6)
+"""Taps along a side of each kernel."""
+
+_CHUNK = 256  # a chunk and its weights stay in the innermost cache
+_MOST = 64  # samples along a side of one pixel's footprint
+
+_HALF, _ONE = np.float32(0.5), np.float32(1)
+_BYTE, _EIGHT, _SIXTEEN, _TWENTY_FOUR = np.uint32(255), np.uint32(8), np.uint32(16), np.uint32(24)
+_THIRD_TURN = np.float32(np.sqrt(0.75))  # sin of 120 degrees
+# Taylor series of sin(y)/y and cos(y) in y^2, exact to rounding in float32 for |y| <= pi/3
+_S1, _S2, _S3, _S4, _S5 = (np.float32(s) for s in (-1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800))
+_C1, _C2, _C3, _C4, _C5 = (np.float32(c) for c in (-1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800))
+_SHARP = np.float32(1.2**2)  # a footprint of less than 1.2 source pixels is not averaged
+_NEVER = np.float32(1e30)  # pixels around a picture whose edges do not meet
+_PI = np.float32(np.pi)
+_TINY = np.float32(1e-9)  # at a distance of zero the other taps are nothing beside the one there
+
+
+@compiled
+def _split(u: np.ndarray, v: np.ndarray, stride: int, shift: int, first: np.ndarray, fraction: np.ndarray) -> None:
+    """The texel `first` (n,) of each position's taps, which start `shift` before it, and the fractions (2 chunks)."""
+    for k in range(u.shape[0]):
+        x, y = np.int32(u[k]), np.int32(v[k])  # positions are positive: truncation is the floor
+        fraction[k] = u[k] - x
+        fraction[_CHUNK + k] = v[k] - y
+        first[k] = np.uint32(y - shift) * np.uint32(stride) + np.uint32(x - shift)
+
+
+@compiled
+def _cubic_weights(a: np.ndarray, weights: np.ndarray) -> None:
+    """Keys' cubic convolution with slope -1/2 (Keys 1981), exact for parabolas: weights of 4 taps at fractions (n,)."""
+    for k in range(a.shape[0]):
+        t = a[k]
+        weights[k] = ((_HALF * -t + _ONE) * t - _HALF) * t
+        weights[_CHUNK + k] = (np.float32(1.5) * t - np.float32(2.5)) * t * t + _ONE
+        weights[2 * _CHUNK + k] = ((np.float32(-1.5) * t + np.float32(2)) * t + _HALF) * t
+        weights[3 * _CHUNK + k] = (t - _ONE) * _HALF * t * t
+
+
+@compiled
+def _lanczos_weights(a: np.ndarray, weights: np.ndarray) -> None:
+    """sinc(x) sinc(x/3) at the distances x of 6 taps from fractions (n,), made to sum to 1.
+
+    sin(pi x) is the same at all taps but for its sign, and sin(pi x/3) follows from the values at the fraction by
+    turns of 60 degrees; the common factor drops out with the sum.
+    """
+    for k in range(a.shape[0]):
+        t = a[k]
+        y = _PI / np.float32(3) * t
+        q = y * y
+        s = y * (_ONE + q * (_S1 + q * (_S2 + q * (_S3 + q * (_S4 + q * _S5)))))
+        c = _ONE + q * (_C1 + q * (_C2 + q * (_C3 + q * (_C4 + q * _C5))))
+        # sin(pi (t + n)/3) = s cos(60 n) + c sin(60 n) at distances t + 2, t + 1, t, t - 1, t - 2, t - 3
+        near = _HALF * s
+        far = _THIRD_TURN * c
+        d0, d1, d4, d5 = t + np.float32(2), t + _ONE, t - np.float32(2), t - np.float32(3)
+        d3 = min(t - _ONE, -_TINY)
+        d2 = max(t, _TINY)
+        s2 = max(s, _PI / np.float32(3) * _TINY)
+        # signs of sin(pi (t + n)) alternate with n
+        w0 = (far - near) / (d0 * d0)
+        w1 = -(near + far) / (d1 * d1)
+        w2 = s2 / (d2 * d2)
+        w3 = (far - near) / (d3 * d3)
+        w4 = -(near + far) / (d4 * d4)
+        w5 = s / (d5 * d5)
+        total = _ONE / (w0 + w1 + w2 + w3 + w4 + w5)
+        weights[k] = w0 * total
+        weights[_CHUNK + k] = w1 * total
+        weights[2 * _CHUNK + k] = w2 * total
+        weights[3 * _CHUNK + k] = w3 * total
+        weights[4 * _CHUNK + k] = w4 * total
+        weights[5 * _CHUNK + k] = w5 * total
+
+
+@compiled
+def _weights_of(kind: int, fraction: np.ndarray, count: int, across: np.ndarray, down: np.ndarray) -> int:
+    """The weights of the taps of `count` positions, across and down (6 chunks each); answers the taps along a side."""
+    a, b = fraction[:count], fraction[_CHUNK : _CHUNK + count]
+    if kind == LINEAR:
+        for k in range(count):
+            across[k] = _ONE - a[k]
+            across[_CHUNK + k] = a[k]
+        for k in range(count):
+            down[k] = _ONE - b[k]
+            down[_CHUNK + k] = b[k]
+        return 2
+    if kind == CUBIC:
+        _cubic_weights(a, across)
+        _cubic_weights(b, down)
+        return 4
+    _lanczos_weights(a, across)
+    _lanczos_weights(b, down)
+    return 6
+
+
+@compiled
+def _sums(
+    texels: np.ndarray,
+    values: np.ndarray,
+    stride: int,
+    channels: int,
+    kind: int,
+    u: np.ndarray,
+    v: np.ndarray,
+    scratch: tuple,
+    sums: np.ndarray,
+) -> None:
+    """Interpolated values at a chunk of positions or less: `sums` (4 chunks) holds a chunk for each channel."""
+    first, fraction, across, down, weight, gathered, read = scratch
+    count = u.shape[0]
+    _split(u, v, stride, kind - 1, first, fraction)
+    if kind == LINEAR and texels.size > 0:
+        _linear_sums(texels, stride, count, first, fraction, gathered, sums)
+        return
+    side = _weights_of(kind, fraction, count, across, down)
+    for k in range(4 * _CHUNK):
+        sums[k] = 0
+    for j in range(side):
+        row = down[j * _CHUNK : j * _CHUNK + count]
+        for i in range(side):
+            column = across[i * _CHUNK : i * _CHUNK + count]
+            for k in range(count):
+                weight[k] = row[k] * column[k]
+            if texels.size > 0:
+                _add_texels(texels, np.uint32(j * stride + i), first, weight, gathered, sums, count)
+            else:
+                for channel in range(channels):
+                    part = sums[channel * _CHUNK : channel * _CHUNK + count]
+                    offset = np.int64(j * stride + i) * channels + channel
+                    for k in range(count):
+                        read[k] = values[np.uint64(np.int64(first[k]) * channels + offset)]
+                    for k in range(count):
+                        part[k] += weight[k] * read[k]
+
+
+@compiled
+def _add_texels(
+    texels: np.ndarray,
+    step: int,
+    first: np.ndarray,
+    weight: np.ndarray,
+    gathered: np.ndarray,
+    sums: np.ndarray,
+    count: int,
+) -> None:
+    """Add one tap of four bytes, `step` texels after the first, to the sums of four channels."""
+    for k in range(count):
+        gathered[k] = texels[first[k] + step]
+    for k in range(count):
+        t, w = gathered[k], weight[k]
+        sums[k] += w * np.float32(np.int32(t & _BYTE))
+        sums[_CHUNK + k] += w * np.float32(np.int32((t >> _EIGHT) & _BYTE))
+        sums[2 * _CHUNK + k] += w * np.float32(np.int32((t >> _SIXTEEN) & _BYTE))
+        sums[3 * _CHUNK + k] += w * np.float32(np.int32(t >> _TWENTY_FOUR))
+
+
+@compiled
+def _linear_sums(
+    texels: np.ndarray,
+    stride: int,
+    count: int,
+    first: np.ndarray,
+    fraction: np.ndarray,
+    gathered: np.ndarray,
+    sums: np.ndarray,
+) -> None:
+    """The four taps of linear interpolation in one pass."""
+    below, right = np.uint32(stride), np.uint32(1)
+    for k in range(count):
+        t = first[k]
+        gathered[k] = texels[t]
+        gathered[_CHUNK + k] = texels[t + right]
+        gathered[2 * _CHUNK + k] = texels[t + below]
+        gathered[3 * _CHUNK + k] = texels[t + below + right]
+    for k in range(count):
+        a, b = fraction[k], fraction[_CHUNK + k]
+        w11 = a * b
+        w10, w01 = a - w11, b - w11
+        w00 = (_ONE - a) - w01
+        p, q = gathered[k], gathered[_CHUNK + k]
+        r, s = gathered[2 * _CHUNK + k], gathered[3 * _CHUNK + k]
+        sums[k] = (
+            w00 * np.float32(np.int32(p & _BYTE))
+            + w10 * np.float32(np.int32(q & _BYTE))
+            + w01 * np.float32(np.int32(r & _BYTE))
+            + w11 * np.float32(np.int32(s & _BYTE))
+        )
+        sums[_CHUNK + k] = (
+            w00 * np.float32(np.int32((p >> _EIGHT) & _BYTE))
+            + w10 * np.float32(np.int32((q >> _EIGHT) & _BYTE))
+            + w01 * np.float32(np.int32((r >> _EIGHT) & _BYTE))
+            + w11 * np.float32(np.int32((s >> _EIGHT) & _BYTE))
+        )
+        sums[2 * _CHUNK + k] = (
+            w00 * np.float32(np.int32((p >> _SIXTEEN) & _BYTE))
+            + w10 * np.float32(np.int32((q >> _SIXTEEN) & _BYTE))
+            + w01 * np.float32(np.int32((r >> _SIXTEEN) & _BYTE))
+            + w11 * np.float32(np.int32((s >> _SIXTEEN) & _BYTE))
+        )
+        sums[3 * _CHUNK + k] = (
+            w00 * np.float32(np.int32(p >> _TWENTY_FOUR))
+            + w10 * np.float32(np.int32(q >> _TWENTY_FOUR))
+            + w01 * np.float32(np.int32(r >> _TWENTY_FOUR))
+            + w11 * np.float32(np.int32(s >> _TWENTY_FOUR))
+        )
+
+
+@compiled
+def _scratch() -> tuple:
+    """Room for a chunk: first texels, fractions, weights across and down, of a tap, and what was read of it."""
+    return (
+        np.zeros(_CHUNK, np.uint32),
+        np.zeros(2 * _CHUNK, np.float32),
+        np.zeros(6 * _CHUNK, np.float32),
+        np.zeros(6 * _CHUNK, np.float32),
+        np.zeros(_CHUNK, np.float32),
+        np.zeros(4 * _CHUNK, np.uint32),
+        np.zeros(_CHUNK, np.float32),
+    )
+
+
+@compiled
+def _store(value: float, top: float) -> float:
+    """A value as it is stored: rounded (by the cast that follows) and clipped to 0..top, if top is not zero."""
+    return min(max(value, np.float32(0)), np.float32(top)) + _HALF if top > 0 else value
+
+
+@compiled
+def sample_tile(
+    texels: np.ndarray,
+    values: np.ndarray,
+    stride: int,
+    channels: int,
+    kind: int,
+    u: np.ndarray,
+    v: np.ndarray,
+    limits: np.ndarray,
+    top: float,
+    out: np.ndarray,
+) -> None:
+    """Values of a picture at the positions of a rectangle of a target's pixels.
+
+    Parameters
+    ----------
+    texels
+        (h w,) uint32 of a picture with four bytes a pixel, else empty; `stride` is w.
+    values
+        (h w channels,) samples of a picture of any other type, else empty.
+    kind
+        NEAREST, LINEAR, CUBIC or LANCZOS3.
+    u, v
+        Positions float32 in the bordered picture, so that all taps are in it; NaN where nothing is to be read.
+        (h, w), or (h + 2, w + 2) with the pixels around the rectangle: then pixels that are larger than a source pixel
+        are averaged over their footprint, as `_average` says.
+    limits
+        Least u, least v, greatest u, greatest v of the picture; how its edges meet (0 not, 1 left and right, 2 as a
+        sphere); centre u, centre v, aspect and radius of the disc outside which nothing is seen.
+    top
+        The largest code of an integer type, to which values are clipped; zero for floating point.
+    out
+        (h, w, c) is written, c at most `channels`; zero where the position is NaN.
+    """
+    height, width = out.shape[:2]
+    halo = (u.shape[0] - height) // 2
+    scratch = _scratch()
+    sums = np.zeros(4 * _CHUNK, np.float32)
+    at_u, at_v = np.zeros(_CHUNK, np.float32), np.zeros(_CHUNK, np.float32)
+    elsewhere = np.float32(kind)
+    for j in range(height):
+        for start in range(0, width, _CHUNK):
+            count = min(_CHUNK, width - start)
+            part_u = u[j + halo, start + halo : start + halo + count]
+            part_v = v[j + halo, start + halo : start + halo + count]
+            row = out[j, start : start + count]
+            if kind == NEAREST:
+                _nearest(texels, values, stride, channels, part_u, part_v, row)
+                continue
+            seen = 0
+            for k in range(count):
+                inside = part_u[k] == part_u[k]
+                seen += np.int32(inside)
+                at_u[k] = part_u[k] if inside else elsewhere
+                at_v[k] = part_v[k] if inside else elsewhere
+            if seen > 0:
+                _sums(texels, values, stride, channels, kind, at_u[:count], at_v[:count], scratch, sums)
+            if texels.size > 0:
+                _pack(sums, part_u, scratch[5], count)
+                _unpack(scratch[5], row)
+                continue
+            for channel in range(row.shape[1]):
+                for k in range(count):
+                    value = _store(sums[channel * _CHUNK + k], top)
+                    row[k, channel] = value if part_u[k] == part_u[k] else np.float32(0)
+    if halo == 1 and kind != NEAREST:
+        _average(texels, values, stride, channels, kind, u, v, limits, top, out, scratch, sums)
+
+
+@compiled
+def _nearest(
+    texels: np.ndarray, values: np.ndarray, stride: int, channels: int, u: np.ndarray, v: np.ndarray, out: np.ndarray
+) -> None:
+    """The nearest pixel's samples (n, c) at positions (n,); zero where the position is NaN."""
+    for k in range(u.shape[0]):
+        if u[k] == u[k]:
+            at = np.int64(v[k] + _HALF) * stride + np.int64(u[k] + _HALF)
+            if texels.size > 0:
+                texel = texels[np.uint64(at)]
+                for channel in range(out.shape[1]):
+                    out[k, channel] = (texel >> np.uint32(8 * channel)) & _BYTE
+            else:
+                for channel in range(out.shape[1]):
+                    out[k, channel] = values[np.uint64(at * channels + channel)]
+        else:
+            for channel in range(out.shape[1]):
+                out[k, channel] = 0
+
+
+@compiled
+def _pack(sums: np.ndarray, u: np.ndarray, packed: np.ndarray, count: int) -> None:
+    """Four channels of sums as the bytes of a texel, rounded and clipped; zero where u is NaN."""
+    for k in range(count):
+        texel = (
+            _code(sums[k])
+            | (_code(sums[_CHUNK + k]) << _EIGHT)
+            | (_code(sums[2 * _CHUNK + k]) << _SIXTEEN)
+            | (_code(sums[3 * _CHUNK + k]) << _TWENTY_FOUR)
+        )
+        packed[k] = texel if u[k] == u[k] else np.uint32(0)
+
+
+@compiled
+def _code(value: float) -> int:
+    return np.uint32(np.int32(min(max(value, np.float32(0)), np.float32(255)) + _HALF))
+
+
+@compiled
+def _unpack(packed: np.ndarray, rows: np.ndarray) -> None:
+    """The bytes of texels as rows (n, c)."""
+    if rows.shape[1] == 3:
+        for k in range(rows.shape[0]):
+            texel = packed[k]
+            rows[k, 0] = texel & _BYTE
+            rows[k, 1] = (texel >> _EIGHT) & _BYTE
+            rows[k, 2] = (texel >> _SIXTEEN) & _BYTE
+        return
+    for k in range(rows.shape[0]):
+        texel = packed[k]
+        for channel in range(rows.shape[1]):
+            rows[k, channel] = (texel >> np.uint32(8 * channel)) & _BYTE
+
+
+@compiled
+def _average(
+    texels: np.ndarray,
+    values: np.ndarray,
+    stride: int,
+    channels: int,
+    kind: int,
+    u: np.ndarray,
+    v: np.ndarray,
+    limits: np.ndarray,
+    top: float,
+    out: np.ndarray,
+    scratch: tuple,
+    sums: np.ndarray,
+) -> None:
+    """Average each target pixel (h, w, c) that is larger than a source pixel over its footprint.
+
+    The footprint is the parallelogram of the steps to the neighbours, taken from the positions themselves.  A source
+    pixel is itself an average over its square, and an average over less than a pixel changes nothing that a camera
+    resolves: a footprint of s pixels is averaged over sqrt(s^2 - 1.2^2).  So this goes over into the value at the point
+    where s falls to 1.2, and is the whole of the footprint where s is large.
+    """
+    height, width, kept = out.shape
+    around = limits[2] - limits[0] if limits[4] > 0 else _NEVER
+    large = np.zeros(width, np.uint8)
+    at_u, at_v, owner = np.zeros(_CHUNK, np.float32), np.zeros(_CHUNK, np.float32), np.zeros(_CHUNK, np.int32)
+    total, number = np.zeros((width, 4), np.float32), np.zeros(width, np.int32)
+    for j in range(height):
+        if _mark_large(u, v, j, around, large) == 0:
+            continue
+        total[:] = 0
+        number[:] = 0
+        filled = 0
+        for i in range(width):
+            if large[i] == 0:
+                continue
+            p, q = u[j + 1, i + 1], v[j + 1, i + 1]
+            xu, xv, x = _shorter(u[j + 1, i], p, u[j + 1, i + 2], v[j + 1, i], q, v[j + 1, i + 2], around)
+            yu, yv, y = _shorter(u[j, i + 1], p, u[j + 2, i + 1], v[j, i + 1], q, v[j + 2, i + 1], around)
+            across, down = min(int(np.ceil(x)), _MOST), min(int(np.ceil(y)), _MOST)
+            wide, high = np.float32(0), np.float32(0)
+            if x * x > _SHARP:
+                wide = np.sqrt(_ONE - _SHARP / (x * x))
+            else:
+                across = 1
+            if y * y > _SHARP:
+                high = np.sqrt(_ONE - _SHARP / (y * y))
+            else:
+                down = 1
+            for m in range(across * down + 1):
+                a = ((np.float32(m % across) + _HALF) / np.float32(across) - _HALF) * wide
+                b = ((np.float32(m // across) + _HALF) / np.float32(down) - _HALF) * high
+                s, t = p + a * xu + b * yu, q + a * xv + b * yv
+                if m == across * down:
+                    if number[i] > 0:
+                        break
+                    s, t = p, q  # nothing around it is seen: the middle is
+                elif not _placed(s, t, limits):
+                    s, t = _met(s, t, limits)
+                    if not _placed(s, t, limits):
+                        continue
+                at_u[filled], at_v[filled], owner[filled] = s, t, i
+                number[i] += 1
+                filled += 1
+                if filled == _CHUNK:
+                    _sums(texels, values, stride, channels, kind, at_u, at_v, scratch, sums)
+                    _share(sums, owner, filled, total)
+                    filled = 0
+        if filled > 0:
+            _sums(texels, values, stride, channels, kind, at_u[:filled], at_v[:filled], scratch, sums)
+            _share(sums, owner, filled, total)
+        for i in range(width):
+            if large[i]:
+                for channel in range(kept):
+                    out[j, i, channel] = _store(total[i, channel] / np.float32(number[i]), top)
+
+
+@compiled
+def _mark_large(u: np.ndarray, v: np.ndarray, j: int, around: float, large: np.ndarray) -> int:
+    """Mark the pixels of row j whose footprint is clearly more than a source pixel wide or high; answers how many."""
+    above_u, row_u, below_u = u[j], u[j + 1], u[j + 2]
+    above_v, row_v, below_v = v[j], v[j + 1], v[j + 2]
+    count = 0
+    for i in range(large.shape[0]):
+        p, q = row_u[i + 1], row_v[i + 1]
+        left = _squared(p - row_u[i], q - row_v[i], around)
+        right = _squared(row_u[i + 2] - p, row_v[i + 2] - q, around)
+        up = _squared(p - above_u[i + 1], q - above_v[i + 1], around)
+        down = _squared(below_u[i + 1] - p, below_v[i + 1] - q, around)
+        # where one step is NaN (outside) or jumps (to another face of a cube) the other decides
+        wide = (not left <= _SHARP) & (not right <= _SHARP) & ((left > _SHARP) | (right > _SHARP))
+        high = (not up <= _SHARP) & (not down <= _SHARP) & ((up > _SHARP) | (down > _SHARP))
+        large[i] = wide | high
+        count += np.int32(wide | high)
+    return count
+
+
+@compiled
+def _squared(du: float, dv: float, around: float) -> float:
+    """The square of a step; a step across the edge of a picture that goes round is the short way."""
+    du -= around * np.floor(du / around + _HALF)
+    return du * du + dv * dv
+
+
+@compiled
+def _shorter(
+    before: float, at: float, after: float, other_before: float, other: float, other_after: float, around: float
+) -> tuple:
+    """The shorter of the steps to a position from the one before and to the one after, and its length.
+
+    Where neighbours lie on two faces of a cube one of the steps jumps across the picture.
+    """
+    du, dv = at - before, other - other_before
+    eu, ev = after - at, other_after - other
+    du -= around * np.floor(du / around + _HALF)
+    eu -= around * np.floor(eu / around + _HALF)
+    d, e = du * du + dv * dv, eu * eu + ev * ev
+    if e < d or d != d:
+        du, dv, d = eu, ev, e
+    if d != d:
+        return np.float32(0), np.float32(0), np.float32(0)
+    return du, dv, np.sqrt(d)
+
+
+@compiled
+def _placed(s: float, t: float, limits: np.ndarray) -> bool:
+    """Whether a position is in the picture and on its disc."""
+    ds, dt = s - limits[5], (t - limits[6]) / limits[7]
+    inside = s >= limits[0] and s <= limits[2] and t >= limits[1] and t <= limits[3]
+    return inside and ds * ds + dt * dt <= limits[8] * limits[8]
+
+
+@compiled
+def _met(s: float, t: float, limits: np.ndarray) -> tuple:
+    """A position past an edge that is none, where it comes in again."""
+    around = limits[2] - limits[0]
+    if limits[4] > _ONE:
+        if t < limits[1]:
+            s, t = s + around * _HALF, limits[1] + limits[1] - t
+        elif t > limits[3]:
+            s, t = s + around * _HALF, limits[3] + limits[3] - t
+    if limits[4] > 0:
+        if s < limits[0]:
+            s += around
+        elif s > limits[2]:
+            s -= around
+    return s, t
+
+
+@compiled
+def _share(sums: np.ndarray, owner: np.ndarray, count: int, total: np.ndarray) -> None:
+    """Add the first `count` samples of a chunk to the pixels that own them."""
+    for channel in range(total.shape[1]):
+        for k in range(count):
+            total[owner[k], channel] += sums[channel * _CHUNK + k]
+
+
+@compiled
+def fill_rim(pixels: np.ndarray, centre_u: float, centre_v: float, aspect: float, radius: float, reach: float) -> None:
+    """Give the pixels (h, w, c) within `reach` outside a disc the values of those next to them inside its rim.
+
+    So a kernel that reaches over the rim reads no dark.
+    """
+    height, width = pixels.shape[:2]
+    for y in range(height):
+        dy = (y - centre_v) / aspect
+        outer = (radius + reach) ** 2 - dy * dy
+        if outer < 0:
+            continue
+        half = np.sqrt(outer)
+        inner = radius * radius - dy * dy
+        hole = np.sqrt(inner) if inner >= 0 else -1.0
+        x = max(0, int(np.ceil(centre_u - half)))
+        last = min(width - 1, int(np.floor(centre_u + half)))
+        while x <= last:
+            dx = x - centre_u
+            if abs(dx) <= hole:
+                x = int(np.floor(centre_u + hole)) + 1
+                continue
+            r = np.sqrt(dx * dx + dy * dy)
+            inward = (radius - 0.75) / r  # the nearest whole pixel to there is on the disc
+            u = min(max(int(np.floor(centre_u + inward * dx + 0.5)), 0), width - 1)
+            v = min(max(int(np.floor(centre_v + aspect * inward * dy + 0.5)), 0), height - 1)
+            for channel in range(pixels.shape[2]):
+                pixels[y, x, channel] = pixels[v, u, channel]
+            x += 1
