@@ -16,7 +16,7 @@ import contextlib
 import re
 import stat
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +28,9 @@ from OpenImageIO import ImageInput, ImageOutput, ImageSpec, TypeDesc
 from fullsphere.model.errors import InputError
 from fullsphere.model.files import input_errors
 
-# With three threads and more OpenImageIO compresses the tiles of a TIFF by itself and with zlib, where libtiff alone has
-# libdeflate: other bytes, a fifteenth more of them, and three times slower on two cores.  Pictures are read in parallel
-# by our own pool.
+# With three threads and more OpenImageIO compresses the tiles of a TIFF by itself and with zlib, where libtiff alone
+# has libdeflate: other bytes, a fifteenth more of them, and three times slower on two cores.  Pictures are read in
+# parallel by our own pool.
 OpenImageIO.attribute("threads", 1)
 
 __all__ = [
@@ -39,7 +39,9 @@ __all__ = [
     "ImageInput",
     "ImageOutput",
     "ImageSpec",
+    "attribute_of",
     "byte_array",
+    "fault_of",
     "library_fault",
     "name_for_library",
     "one_line",
@@ -141,7 +143,7 @@ def read_rows(path: Path, reader: ImageInput, spec: ImageSpec, y0: int, y1: int)
 
 def _sound(path: Path, reader: ImageInput, pixels: NDArray[Any] | None) -> NDArray[Any]:
     """The pixels, unless there is an error beside them: a JPEG that ends early comes as a full array, part grey."""
-    fault = reader.geterror() or library_fault()
+    fault = fault_of(reader)
     if pixels is None or fault:
         raise InputError(f"{path}: is damaged or cut short ({one_line(fault)}); copy it again from the camera")
     return pixels
@@ -164,7 +166,28 @@ def set_attribute(spec: ImageSpec, name: str, value: str | int | float | bool | 
 
 def library_fault() -> str:
     """The library's pending error text, "" if none; what is never asked for is printed when the program ends."""
-    return str(OpenImageIO.geterror())
+    return _text(OpenImageIO.geterror)
+
+
+def fault_of(file: ImageInput | ImageOutput) -> str:
+    """The pending error text of a file, or else of the library; "" if none."""
+    return _text(file.geterror) or library_fault()
+
+
+def attribute_of(spec: ImageSpec, name: str) -> object:
+    """Metadata from a header; None if there is none of this name."""
+    try:
+        return spec.getattribute(name)
+    except UnicodeDecodeError as error:
+        return error.object.decode("latin-1")
+
+
+def _text(ask: Callable[[], str]) -> str:
+    """A text that may quote the bytes of a damaged file."""
+    try:
+        return str(ask())
+    except UnicodeDecodeError as error:
+        return error.object.decode("utf-8", "replace")
 
 
 def name_for_library(path: Path, handle: int) -> str:
@@ -229,10 +252,11 @@ def _check_header(path: Path, kind: str, opened_as: str, spec: ImageSpec, most_p
 
 def _close(reader: ImageInput) -> None:
     reader.close()
-    reader.geterror()
+    fault_of(reader)
     library_fault()
 
 
 def one_line(text: str) -> str:
     """The text of a fault, for a message of one line."""
-    return " ".join(text.split())[:200] or "no reason given"
+    printable = "".join(c if c.isprintable() else " " for c in text)
+    return " ".join(printable.split())[:200] or "no reason given"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.errors import InputError
-from fullsphere.model.image_library import ImageInput, ImageSpec, opened, read_part
+from fullsphere.model.image_library import ImageInput, ImageSpec, attribute_of, opened, read_part
 
 _BAND_BYTES = 1 << 24
 """The largest band of rows, unless one row is larger."""
@@ -108,7 +108,7 @@ def _band_rows(spec: ImageSpec) -> int:
     """The rows of a band: whole units of the file's coding where they are of sensible size."""
     row_bytes = spec.width * spec.nchannels * np.dtype(np.float32).itemsize
     most = max(1, _BAND_BYTES // row_bytes)
-    rows = _ROWS_CODED_TOGETHER.get(spec.get_string_attribute("compression"), _BAND_ROWS)
+    rows = _ROWS_CODED_TOGETHER.get(str(attribute_of(spec, "compression")), _BAND_ROWS)
     strip = spec.get_int_attribute("tiff:RowsPerStrip")
     if 0 < strip <= rows:
         rows -= rows % strip

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.errors import InputError
-from fullsphere.model.image_library import ImageSpec
+from fullsphere.model.image_library import ImageSpec, attribute_of
 from fullsphere.model.picture_blocks import PictureBlocks
 from fullsphere.model.picture_metadata import CAPTURE_NAMES, Attributes, Value, sound
 from fullsphere.model.resources import require_memory
@@ -211,11 +211,11 @@ def _orientation(spec: ImageSpec) -> int:
 
 
 def _icc_profile(spec: ImageSpec) -> bytes | None:
-    profile = spec.getattribute("ICCProfile")
-    return None if profile is None else np.asarray(profile, np.uint8).tobytes()
+    profile = attribute_of(spec, "ICCProfile")
+    return np.asarray(profile, np.uint8).tobytes() if isinstance(profile, np.ndarray | tuple) else None
 
 
 def _capture_metadata(spec: ImageSpec) -> dict[str, Value]:
     """The known capture attributes that hold something sound."""
-    found = {name: sound(name, spec.getattribute(name)) for name in CAPTURE_NAMES}
+    found = {name: sound(name, attribute_of(spec, name)) for name in CAPTURE_NAMES}
     return {name: value for name, value in found.items() if value is not None}

@@ -9,7 +9,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from fullsphere.model.errors import OutputError
-from fullsphere.model.image_library import ImageOutput, ImageSpec, library_fault, name_for_library, one_line
+from fullsphere.model.image_library import ImageOutput, ImageSpec, fault_of, library_fault, name_for_library, one_line
 
 TILE_SIDE = 256
 """Pixels along the side of a tile: a viewer that wants a window reads little more than the window."""
@@ -48,11 +48,11 @@ class TiledFile:
     def release(self) -> None:
         """Let go of the file, finished or not; never raises."""
         self._output.close()
-        self._output.geterror()
+        fault_of(self._output)
         library_fault()
         os.close(self._handle)
 
     def _require(self, done: bool) -> None:
-        fault = self._output.geterror() or library_fault()
+        fault = fault_of(self._output)
         if fault or not done:
             raise OutputError(f"{self._path}: cannot be written ({one_line(fault)})")

@@ -258,7 +258,7 @@ def test_a_picture_too_large_to_be_read_whole_is_read_by_region(tmp_path: Path) 
         assert file.size[0] * file.size[1] > MAX_PIXELS
         window = file.window(150 * 1024 - 300, 199 * 1024 - 20, 700, 50)
         assert np.array_equal(window[..., 0], np.roll(tile, (20, 300), (0, 1))[:50, :700])
-    with pytest.raises(InputError, match="more than|exceeds"):
+    with pytest.raises(InputError, match=r"more than|exceeds"):
         read_picture(tmp_path / "x.tif")
     big_tiff(tmp_path / "y.tif", 300 * 1024, 1024, tile)
     with pytest.raises(InputError, match="more than"), open_picture(tmp_path / "y.tif"):
@@ -280,3 +280,18 @@ def test_colours_of_an_exr_come_divided_by_alpha(tmp_path: Path) -> None:
     with open_picture(tmp_path / "x.exr") as file:
         assert file.dtype == np.float16
         assert np.array_equal(file.window(0, 0, 3, 1), straight)
+
+
+def test_texts_that_are_not_utf8_are_read_and_faults_that_quote_them_are_told(tmp_path: Path) -> None:
+    path = written(tmp_path, "rows.exr")
+    content = path.read_bytes()
+    assert b"chlist" in content
+    path.write_bytes(content.replace(b"chlist", b"\xb5hlist"))
+    with pytest.raises(InputError, match="cannot be opened") as error, open_picture(path):
+        pass
+    assert str(error.value).isprintable()
+    jpeg = tmp_path / "latin.jpg"
+    with open_panorama(jpeg, (16, 16), 3, np.uint8, {"Artist": "Jxger & Sxhne"}, overwrite=False) as writer:
+        writer.write_rows(0, np.zeros((16, 16, 3), np.uint8))
+    jpeg.write_bytes(jpeg.read_bytes().replace(b"Jxger & Sxhne", "Jäger & Söhne".encode("latin-1")))
+    assert read_picture(jpeg).metadata["Artist"] == "Jäger & Söhne"
