@@ -170,6 +170,32 @@ def test_outside_is_nan(name: str) -> None:
     assert np.all(np.isnan(table.unproject([math.nan, 5.0])))
 
 
+@every_lens
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_the_rim_belongs_to_the_picture(name: str, dtype: type) -> None:
+    """As it does for the exact camera, rounding or not."""
+    camera, turn = widest_named(name), rotation(4)
+    table = tabulate(camera, 1e-3)
+    rim = rays_at(np.full(200, camera.half_fov), 0)
+    assert np.isfinite(camera.project(rim)).all()
+    assert np.isfinite(table.project(rim.astype(dtype), dtype=dtype)).all()
+    assert np.isfinite(table.project((rim @ turn).astype(dtype), turn, dtype)).all()
+    assert np.isfinite(table.unproject(camera.project(rim))).all()
+
+
+def test_arrays_of_any_kind_are_taken() -> None:
+    table = tabulate(fisheye(1000), 1e-3)
+    rays = rays_within(table.camera, 2, 20)
+    pixels = table.project(rays)
+    assert table.project(np.empty((0, 3))).shape == (0, 2)
+    assert table.unproject(np.empty((4, 0, 2))).shape == (4, 0, 3)
+    frozen, swapped, wide = rays.copy(), rays.astype(rays.dtype.newbyteorder()), np.repeat(rays, 2, 0)[::2]
+    frozen.flags.writeable = False
+    for other in (frozen, swapped, wide, rays.tolist(), np.asfortranarray(rays)):
+        np.testing.assert_array_equal(table.project(other), pixels)
+    assert table.project([0, 0, 1]).tolist() == list(table.camera.centre)
+
+
 def test_rotation_is_the_same_as_turning_first() -> None:
     table, turn = tabulate(fisheye(1000)), rotation(5)
     rays = rays_within(table.camera, 1) @ turn  # camera rays as seen from a turned frame
