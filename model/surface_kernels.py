@@ -25,7 +25,7 @@ _TAN_22 = math.sqrt(2) - 1
 _SQRT_2 = math.sqrt(2)
 _LN_2 = math.log(2)
 _PI_4, _PI_2, _PI = math.pi / 4, math.pi / 2, math.pi
-_EXPONENT, _ONE = 1023, 1023 << 52
+_EXPONENT, _NO_SIGN, _ONE = 1023, 2047, 1023 << 52
 _FRACTION = (1 << 52) - 1
 
 
@@ -54,25 +54,27 @@ def _arctangent(y: Any, x: Any, like: np.ndarray) -> Any:
 
 
 @compiled
-def _mercator(x: np.ndarray, y: np.ndarray, z: np.ndarray, count: int, ratio: np.ndarray, bits: np.ndarray) -> None:
+def _mercator(x: np.ndarray, y: np.ndarray, z: np.ndarray, count: int) -> None:
     """y becomes asinh(y / hypot(x, z)); infinite where x and z are 0.
 
     It is the logarithm of e = (hypot(x, y, z) + |y|) / hypot(x, z): e = 2^n m with m from 1/sqrt(2) to sqrt(2), and
-    log m = 2 atanh((m - 1)/(m + 1)).  `bits` is the float64 row `ratio` seen as integers.
+    log m = 2 atanh((m - 1)/(m + 1)).  n and m are taken out of the bits of e, from one row of numbers into others:
+    where one was read and written as two types, nothing would go side by side.
     """
+    e, powers, fractions = np.empty(_ROW), np.empty(_ROW), np.empty(_ROW, np.int64)
+    bits, mantissas = e.view(np.int64), fractions.view(np.float64)
     for k in range(count):
         a, b, c = np.float64(x[k]), np.float64(y[k]), np.float64(z[k])
         level = a * a + c * c
-        ratio[k] = (np.sqrt(level + b * b) + abs(b)) / np.sqrt(level)
+        e[k] = (np.sqrt(level + b * b) + abs(b)) / np.sqrt(level)
     for k in range(count):
-        e = ratio[k]
-        word = bits[k]
-        power = np.float64((word >> 52) - _EXPONENT)
-        bits[k] = (word & _FRACTION) | _ONE
-        m = ratio[k]
+        powers[k] = np.float64(((bits[k] >> 52) & _NO_SIGN) - _EXPONENT)
+        fractions[k] = (bits[k] & _FRACTION) | _ONE
+    for k in range(count):
+        m, power = mantissas[k], powers[k]
         high = m > _SQRT_2
         m = 0.5 * m if high else m
-        power = power + 1.0 if high else power
+        n = power + 1.0 if high else power
         t = (m - 1.0) / (m + 1.0)
         s = t * t
         p = 0.19608096664225536 * s + 0.22174249829581194
@@ -80,8 +82,7 @@ def _mercator(x: np.ndarray, y: np.ndarray, z: np.ndarray, count: int, ratio: np
         p = p * s + 0.39999994891808144
         p = p * s + 0.6666666667957935
         p = p * s + 2.0
-        log = power * _LN_2 + p * t
-        log = log if e < np.inf else np.inf
+        log = n * _LN_2 + p * t if power <= _EXPONENT else np.inf
         y[k] = -log if y[k] < 0 else log
 
 
@@ -108,8 +109,6 @@ def project_rows(
     r20, r21, r22 = turn[2, 0], turn[2, 1], turn[2, 2]
     x, y, z = np.empty(_ROW, pixels.dtype), np.empty(_ROW, pixels.dtype), np.empty(_ROW, pixels.dtype)
     u, v = np.empty(_ROW, pixels.dtype), np.empty(_ROW, pixels.dtype)
-    ratio = np.empty(_ROW)
-    bits = ratio.view(np.int64)
     nowhere = real(np.nan)
     for first in range(0, rays.shape[0], _ROW):
         given, answer = rays[first : first + _ROW], pixels[first : first + _ROW]
@@ -131,7 +130,7 @@ def project_rows(
             for k in range(count):
                 v[k] = zero + per_unit * (y[k] / np.sqrt(x[k] * x[k] + z[k] * z[k]))
         else:
-            _mercator(x, y, z, count, ratio, bits)
+            _mercator(x, y, z, count)
             for k in range(count):
                 v[k] = zero + per_unit * y[k]
         for k in range(count):

@@ -176,9 +176,12 @@ def test_a_window_goes_on_past_its_border(name: str) -> None:
 
 @every_surface
 def test_no_direction_is_nan(name: str) -> None:
-    for ray in ([0.0, 0.0, 0.0], [0.0, math.nan, 1.0], [math.nan] * 3, [math.inf, 0.0, 1.0]):
-        for dtype in (np.float32, np.float64):
-            assert np.all(np.isnan(SURFACES[name].project(ray, None, dtype)))
+    part = np.array([-math.inf, -1.0, -0.0, 0.0, 1.0, math.nan, -math.nan, math.inf])
+    rays = np.stack(np.meshgrid(part, part, part), -1).reshape(-1, 3)
+    nothing = ~np.isfinite(rays).all(-1) | (rays == 0).all(-1)
+    for dtype in (np.float32, np.float64):
+        assert np.isnan(SURFACES[name].project(rays[nothing], None, dtype)).all()
+        assert np.isfinite(SURFACES[name].project(rays[~nothing & (rays[:, 2] != 0)], None, dtype)).all()
     assert np.all(np.isnan(SURFACES[name].unproject([math.nan, 1.0])))
 
 
