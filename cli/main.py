@@ -26,7 +26,7 @@ COMMANDS = {
     "target": "print a calibration target at true scale",
     "calibrate": "find the camera of a lens from known 3D points in its pictures",
     "stitch": "turn the frames of a rotating camera into a panorama of the whole sphere",
-    "remap": "resample a picture from one projection to another",
+    "remap": "resample pictures or video frames from any projection to any other",
     "inspect": "say what a camera, mosaic, target or picture file holds, or how two cameras differ",
 }
 """Every subcommand, which is the module of that name in this package, and its one line of help."""
