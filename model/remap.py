@@ -20,8 +20,11 @@ from fullsphere.model import sampling_kernels as kernels
 from fullsphere.model.camera import Camera, Projection
 from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import FloatArray
+from fullsphere.model.picture_file import PictureFile
 from fullsphere.model.positions import Geometry, Positions
-from fullsphere.model.source_picture import BORDER, Samples, SourcePicture, source_picture
+from fullsphere.model.resources import available_memory
+from fullsphere.model.source_picture import BORDER, Samples, SourcePicture, bytes_when_ready, source_picture
+from fullsphere.model.source_windows import WindowedPicture
 from fullsphere.model.surface import Equirectangular
 from fullsphere.model.table import RayTable
 from fullsphere.model.workers import ordered_map
@@ -35,6 +38,7 @@ TILE_PX = 512
 """Side of the tiles of `tiles`: their rays and maps stay in the processor's cache."""
 
 _ROWS, _COLUMNS = 64, 512  # of the tiles in here: positions and the part of the source that they need stay in the cache
+_WHOLE_SHARE = 0.5  # of the memory there is, that a picture file may take to be read whole
 _KINDS = dict(zip(INTERPOLATIONS, (kernels.NEAREST, kernels.LINEAR, kernels.CUBIC, kernels.LANCZOS3), strict=True))
 
 Tile = tuple[slice, slice]
@@ -140,8 +144,11 @@ class Remapper:
         self._kept: dict[tuple[int, int], Positions | None] = {}
         self._room, self._lock = kept_bytes, threading.Lock()
 
-    def __call__(self, image: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.float32]]:
-        """The whole target's pixels and weight, as `remap` gives them."""
+    def __call__(self, image: NDArray[Any] | PictureFile) -> tuple[NDArray[Any], NDArray[np.float32]]:
+        """The whole target's pixels and weight, as `remap` gives them.
+
+        A picture file larger than half of the memory there is, when it is made ready, is read by region.
+        """
         picture = self._made_ready(image)
         width, height = self.target.size
         result = np.zeros((height, width, picture.samples.channels), image.dtype)
@@ -152,9 +159,9 @@ class Remapper:
 
         for _ in ordered_map(self._executor, fill, _rows_of(height)):
             pass
-        return result.reshape(height, width, *image.shape[2:]), weight
+        return result.reshape(height, width, *_channels_of(image)), weight
 
-    def bands(self, image: NDArray[Any], rows: int = _ROWS) -> Iterator[Band]:
+    def bands(self, image: NDArray[Any] | PictureFile, rows: int = _ROWS) -> Iterator[Band]:
         """The target in bands of `rows` rows from the top, for a file that is written as it is computed.
 
         Only a few bands exist at a time.  The pixels are those of a call.
@@ -167,26 +174,36 @@ class Remapper:
             pixels = np.zeros((count, width, picture.samples.channels), image.dtype)
             weight = np.zeros((count, width), np.float32)
             self._fill(picture, band, pixels, weight)
-            return Band(band.start, pixels.reshape(count, width, *image.shape[2:]), weight)
+            return Band(band.start, pixels.reshape(count, width, *_channels_of(image)), weight)
 
         yield from ordered_map(self._executor, made, _rows_of(height, rows), ahead=4)
 
-    def _made_ready(self, image: NDArray[Any]) -> SourcePicture:
-        if (image.shape[1], image.shape[0]) != self.source.size:
-            width, height = self.source.size
+    def _made_ready(self, image: NDArray[Any] | PictureFile) -> SourcePicture | WindowedPicture:
+        if isinstance(image, PictureFile):
+            size, channels = image.size, image.channels
+        else:
+            size, channels = (image.shape[1], image.shape[0]), image.shape[2] if image.ndim == 3 else 1
+        if size != self.source.size:
             raise UsageError(
-                f"the picture is {image.shape[1]} x {image.shape[0]} but its projection is for {width} x {height}"
+                f"the picture is {size[0]} x {size[1]} but its projection is for "
+                f"{self.source.size[0]} x {self.source.size[1]}"
             )
-        pixels = image[..., None] if image.ndim == 2 else image
-        if image.dtype not in (np.uint8, np.uint16, np.float16, np.float32) or not 1 <= pixels.shape[-1] <= 4:
+        if image.dtype not in (np.uint8, np.uint16, np.float16, np.float32) or not 1 <= channels <= 4:
             raise UsageError(
-                f"a picture of {pixels.shape[-1]} channels of {image.dtype}: give 1 to 4 channels of uint8, uint16, "
-                "float16 or float32"
+                f"a picture of {channels} channels of {image.dtype}: give 1 to 4 channels of uint8, uint16, float16 or "
+                "float32"
             )
-        samples = Samples(image.dtype, pixels.shape[-1], self._linear_light)
-        return source_picture(pixels, self.source, samples)
+        samples = Samples(np.dtype(image.dtype), channels, self._linear_light)
+        if not isinstance(image, PictureFile):
+            return source_picture([(0, image.reshape(*image.shape[:2], channels))], self.source, samples)
+        available = available_memory()
+        if available is not None and bytes_when_ready(size, samples) > _WHOLE_SHARE * available:
+            return WindowedPicture(image, self.source, samples)
+        return source_picture(image.strips(), self.source, samples)
 
-    def _fill(self, picture: SourcePicture, rows: slice, pixels: NDArray[Any], weight: NDArray[np.float32]) -> None:
+    def _fill(
+        self, picture: SourcePicture | WindowedPicture, rows: slice, pixels: NDArray[Any], weight: NDArray[np.float32]
+    ) -> None:
         """Compute rows of the target into `pixels` and `weight`, which are zero."""
         for top in range(rows.start, rows.stop, _ROWS):
             bottom = min(top + _ROWS, rows.stop)
@@ -217,6 +234,10 @@ class Remapper:
         if keeps:
             self._kept[place] = found
         return found
+
+
+def _channels_of(image: NDArray[Any] | PictureFile) -> tuple[int, ...]:
+    return (image.channels,) if isinstance(image, PictureFile) else image.shape[2:]
 
 
 def _rows_of(height: int, count: int = _ROWS) -> Iterator[slice]:

@@ -25,7 +25,6 @@ _THIRD_TURN = np.float32(np.sqrt(0.75))  # sin of 120 degrees
 _S1, _S2, _S3, _S4, _S5 = (np.float32(s) for s in (-1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800))
 _C1, _C2, _C3, _C4, _C5 = (np.float32(c) for c in (-1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800))
 _SHARP = np.float32(1.2**2)  # a footprint of less than 1.2 source pixels is not averaged
-_NEVER = np.float32(1e30)  # pixels around a picture whose edges do not meet
 _PI = np.float32(np.pi)
 _TINY = np.float32(1e-9)  # at a distance of zero the other taps are nothing beside the one there
 
@@ -35,8 +34,8 @@ def _split(u: np.ndarray, v: np.ndarray, stride: int, shift: int, first: np.ndar
     """The texel `first` (n,) of each position's taps, which start `shift` before it, and the fractions (2 chunks)."""
     for k in range(u.shape[0]):
         x, y = np.int32(u[k]), np.int32(v[k])  # positions are positive: truncation is the floor
-        fraction[k] = u[k] - x
-        fraction[_CHUNK + k] = v[k] - y
+        fraction[k] = u[k] - u.dtype.type(x)
+        fraction[_CHUNK + k] = v[k] - v.dtype.type(y)
         first[k] = np.uint32(y - shift) * np.uint32(stride) + np.uint32(x - shift)
 
 
@@ -264,12 +263,13 @@ def sample_tile(
     kind
         NEAREST, LINEAR, CUBIC or LANCZOS3.
     u, v
-        Positions float32 in the bordered picture, so that all taps are in it; NaN where nothing is to be read.
+        Positions in the bordered picture, float32 or float64, so that all taps are in it; NaN where nothing is read.
         (h, w), or (h + 2, w + 2) with the pixels around the rectangle: then pixels that are larger than a source pixel
         are averaged over their footprint, as `_average` says.
     limits
         Least u, least v, greatest u, greatest v of the picture; how its edges meet (0 not, 1 left and right, 2 as a
-        sphere); centre u, centre v, aspect and radius of the disc outside which nothing is seen.
+        sphere); centre u, centre v, aspect and radius of the disc outside which nothing is seen; pixels around, a huge
+        number where the edges do not meet.  Of the positions' type.
     top
         The largest code of an integer type, to which values are clipped; zero for floating point.
     out
@@ -279,8 +279,8 @@ def sample_tile(
     halo = (u.shape[0] - height) // 2
     scratch = _scratch()
     sums = np.zeros(4 * _CHUNK, np.float32)
-    at_u, at_v = np.zeros(_CHUNK, np.float32), np.zeros(_CHUNK, np.float32)
-    elsewhere = np.float32(kind)
+    at_u, at_v = np.zeros(_CHUNK, u.dtype), np.zeros(_CHUNK, u.dtype)
+    elsewhere = u.dtype.type(kind)
     for j in range(height):
         for start in range(0, width, _CHUNK):
             count = min(_CHUNK, width - start)
@@ -387,9 +387,9 @@ def _average(
     where s falls to 1.2, and is the whole of the footprint where s is large.
     """
     height, width, kept = out.shape
-    around = limits[2] - limits[0] if limits[4] > 0 else _NEVER
+    around = limits[9]
     large = np.zeros(width, np.uint8)
-    at_u, at_v, owner = np.zeros(_CHUNK, np.float32), np.zeros(_CHUNK, np.float32), np.zeros(_CHUNK, np.int32)
+    at_u, at_v, owner = np.zeros(_CHUNK, u.dtype), np.zeros(_CHUNK, u.dtype), np.zeros(_CHUNK, np.int32)
     total, number = np.zeros((width, 4), np.float32), np.zeros(width, np.int32)
     for j in range(height):
         if _mark_large(u, v, j, around, large) == 0:
@@ -404,7 +404,7 @@ def _average(
             xu, xv, x = _shorter(u[j + 1, i], p, u[j + 1, i + 2], v[j + 1, i], q, v[j + 1, i + 2], around)
             yu, yv, y = _shorter(u[j, i + 1], p, u[j + 2, i + 1], v[j, i + 1], q, v[j + 2, i + 1], around)
             across, down = min(int(np.ceil(x)), _MOST), min(int(np.ceil(y)), _MOST)
-            wide, high = np.float32(0), np.float32(0)
+            wide, high = x * 0, y * 0
             if x * x > _SHARP:
                 wide = np.sqrt(_ONE - _SHARP / (x * x))
             else:
@@ -484,7 +484,7 @@ def _shorter(
     if e < d or d != d:
         du, dv, d = eu, ev, e
     if d != d:
-        return np.float32(0), np.float32(0), np.float32(0)
+        return at * 0, at * 0, at * 0
     return du, dv, np.sqrt(d)
 
 

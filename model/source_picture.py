@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import cv2
@@ -13,15 +14,18 @@ from numpy.typing import NDArray
 from fullsphere.model import sampling_kernels as kernels
 from fullsphere.model.camera import Camera, Projection
 from fullsphere.model.colour import encoded_from_linear, linear_from_encoded
-from fullsphere.model.surface import Equirectangular, Mosaic360, SeparableSurface
+from fullsphere.model.lens import FloatArray
+from fullsphere.model.surface import Equirectangular, SeparableSurface
 from fullsphere.model.table import RayTable
 
 Pixels = NDArray[Any]
+Places = NDArray[np.floating[Any]]
 
 BORDER = 4
 """Pixels around a picture: the widest kernel reads three to either side of a position that is at most half outside."""
 
 _NO_TEXELS = np.empty(0, np.uint32)
+_NEVER = 1e30  # pixels around a picture whose edges do not meet
 _OPAQUE_ENOUGH = 1e-4  # of alpha: less than a code of 8 bits, below it there is no colour to restore
 
 
@@ -103,92 +107,117 @@ class Samples:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SourcePicture:
-    """A bordered picture, or the window of one that starts at `origin`, in the arrays that kernels read.
+    """A bordered picture, or the window of one that starts at `origin`, as kernels read it.
 
     Attributes
     ----------
     samples
         How to work with its samples.
-    texels, values, stride
-        As `sampling_kernels.sample_tile` wants them.
+    bordered
+        (h, w, c), in C order, as kernels work with it; a packed picture has four channels.
     origin
-        Column and row of the window's first pixel, border included, in the bordered picture.
+        Column and row of its first pixel in the bordered picture.
     limits
-        As `sample_tile` wants them, for the whole bordered picture.
+        As `sampling_kernels.sample_tile` wants them, in the bordered picture.
     """
 
     samples: Samples
-    texels: NDArray[np.uint32]
-    values: Pixels
-    stride: int
+    bordered: Pixels
     origin: tuple[int, int]
-    limits: NDArray[np.float64]
+    limits: FloatArray
 
-    def sampled(
-        self, u: NDArray[np.floating[Any]], v: NDArray[np.floating[Any]], kind: int, shape: tuple[int, int]
-    ) -> Pixels:
+    def sampled(self, u: Places, v: Places, kind: int, shape: tuple[int, int]) -> Pixels:
         """Values (h, w, c) in the picture's type at positions in the bordered picture.
 
         `u` and `v` have `shape` (h, w), or a pixel more all around; then large footprints are averaged.
         """
-        texels, values, limits = self.texels, self.values, self.limits
+        limits = self.limits
         left, top = self.origin
-        if u.dtype != np.float32:  # the place of the nearest whole pixel is taken off before digits are lost
-            x, y = max(0, int(np.nanmin(u)) - BORDER - left), max(0, int(np.nanmin(v)) - BORDER - top)
-            left, top = left + x, top + y
-            start = y * self.stride + x
-            texels, values = texels[start:], values[start * self.samples.channels :]
-        if (left, top) != (0, 0):
-            u, v = (u - left).astype(np.float32), (v - top).astype(np.float32)
-            limits = limits - np.array([left, top, left, top, 0, left, top, 0, 0])
-        channels = 4 if self.samples.packed else self.samples.channels
+        if self.origin != (0, 0):
+            u, v = u - u.dtype.type(left), v - v.dtype.type(top)
+            limits = limits - np.array([left, top, left, top, 0, left, top, 0, 0, 0])
+        flat = self.bordered.reshape(-1)
         out = np.empty((*shape, self.samples.channels), self.samples.working)
         kernels.sample_tile(
-            texels,
-            values,
-            self.stride,
-            channels,
+            flat.view(np.uint32) if self.samples.packed else _NO_TEXELS,
+            flat[:0] if self.samples.packed else flat,
+            self.bordered.shape[1],
+            self.bordered.shape[2],
             kind,
             u,
             v,
-            limits.astype(np.float32),
+            limits.astype(u.dtype),
             self.samples.top,
             out,
         )
         return self.samples.encoded(out)
 
 
-def source_picture(pixels: Pixels, projection: Projection, samples: Samples) -> SourcePicture:
-    """Make a whole picture (h, w, c) ready, its edges and its rim those of the projection."""
-    height, width = pixels.shape[:2]
-    bordered = empty_bordered(width, height, samples)
-    put_rows(bordered, 0, pixels, samples)
-    finish_border(bordered, projection, samples)
-    return of_bordered(bordered, projection, samples, (0, 0))
+def source_picture(strips: Iterable[tuple[int, Pixels]], projection: Projection, samples: Samples) -> SourcePicture:
+    """Make a whole picture ready, its edges and its rim those of the projection.
 
-
-def empty_bordered(width: int, height: int, samples: Samples) -> Pixels:
-    """Room for a picture and its border, (h + 8, w + 8, c); a packed picture has four channels."""
-    channels = 4 if samples.packed else samples.channels
-    return np.empty((height + 2 * BORDER, width + 2 * BORDER, channels), samples.working)
-
-
-def put_rows(bordered: Pixels, top: int, rows: Pixels, samples: Samples) -> None:
-    """Copy rows (n, w, c) to where they belong from row `top` of the picture."""
-    inner = bordered[BORDER + top : BORDER + top + len(rows), BORDER:-BORDER]
-    if samples.packed:
-        cv2.cvtColor(np.ascontiguousarray(rows), cv2.COLOR_RGB2RGBA, dst=inner)  # ten times as fast as NumPy's copy
-    else:
-        inner[:] = samples.decoded(rows)
-
-
-def finish_border(bordered: Pixels, projection: Projection, samples: Samples) -> None:
-    """Fill the border, and what a lens does not see along the rim of its field of view."""
-    height, width = bordered.shape[0] - 2 * BORDER, bordered.shape[1] - 2 * BORDER
+    `strips` are its rows from the top: the first row's number and the pixels (n, w, c).
+    """
+    width, height = projection.size
+    bordered = _room(width + 2 * BORDER, height + 2 * BORDER, samples)
+    for top, rows in strips:
+        put(bordered[BORDER + top : BORDER + top + len(rows), BORDER:-BORDER], rows, samples)
     disc = _disc(projection)
-    if math.isfinite(disc[3]):
-        _fill_rim(bordered[BORDER:-BORDER, BORDER:-BORDER], disc)
-    meets = _meeting(projection)
+    fill_rim(bordered[BORDER:-BORDER, BORDER:-BORDER], disc)
+    _fill_border(bordered, meeting(projection))
+    return SourcePicture(samples, bordered, (0, 0), _limits(projection))
+
+
+def source_window(pixels: Pixels, origin: tuple[int, int], projection: Projection, samples: Samples) -> SourcePicture:
+    """Make pixels (h, w, c) from `origin` in the bordered picture ready; what is past its edges is among them."""
+    bordered = _room(pixels.shape[1], pixels.shape[0], samples)
+    put(bordered, pixels, samples)
+    centre_u, centre_v, aspect, radius = _disc(projection)
+    left, top = origin
+    fill_rim(bordered, (centre_u + BORDER - left, centre_v + BORDER - top, aspect, radius))
+    limits = _limits(projection)
+    if limits[4] > 0:  # the window goes on past these edges
+        limits[[0, 2]] = -np.inf, np.inf
+    if limits[4] > 1:
+        limits[[1, 3]] = -np.inf, np.inf
+    limits[4] = 0
+    return SourcePicture(samples, bordered, origin, limits)
+
+
+def meeting(projection: Projection) -> int:
+    """How the edges of a picture meet: 0 not at all, 1 left and right, 2 as a sphere's."""
+    if isinstance(projection, Equirectangular) and projection.whole and projection.size[0] % 2 == 0:
+        return 2
+    return int(isinstance(projection, SeparableSurface) and projection.wraps)
+
+
+def bytes_when_ready(size: tuple[int, int], samples: Samples) -> int:
+    """Memory that a whole picture takes when it is made ready."""
+    channels = 4 if samples.packed else samples.channels
+    return (size[0] + 2 * BORDER) * (size[1] + 2 * BORDER) * channels * samples.working.itemsize
+
+
+def _room(width: int, height: int, samples: Samples) -> Pixels:
+    return np.empty((height, width, 4 if samples.packed else samples.channels), samples.working)
+
+
+def put(room: Pixels, rows: Pixels, samples: Samples) -> None:
+    """Copy pixels (h, w, c) of the picture's type into those that kernels work with."""
+    if samples.packed:
+        cv2.cvtColor(np.ascontiguousarray(rows), cv2.COLOR_RGB2RGBA, dst=room)  # ten times as fast as NumPy's copy
+    else:
+        room[:] = samples.decoded(rows)
+
+
+def fill_rim(room: Pixels, disc: tuple[float, float, float, float]) -> None:
+    """Fill what a lens does not see along the rim of its field of view, where kernels reach it."""
+    centre_u, centre_v, aspect, radius = disc
+    if math.isfinite(radius) and radius > 2 * BORDER:
+        kernels.fill_rim(room, centre_u, centre_v, aspect, radius, float(BORDER))
+
+
+def _fill_border(bordered: Pixels, meets: int) -> None:
+    height, width = bordered.shape[0] - 2 * BORDER, bordered.shape[1] - 2 * BORDER
     b = BORDER
     if meets > 0:
         around = np.arange(-b, width + b) % width + b
@@ -204,39 +233,13 @@ def finish_border(bordered: Pixels, projection: Projection, samples: Samples) ->
         bordered[:b], bordered[-b:] = bordered[b], bordered[-b - 1]
 
 
-def of_bordered(bordered: Pixels, projection: Projection, samples: Samples, origin: tuple[int, int]) -> SourcePicture:
-    """A bordered picture, or a window of one, in the arrays that kernels read."""
-    flat = bordered.reshape(-1)
-    packed = samples.packed
-    width, height = projection.size
-    first, last = BORDER - 0.5, BORDER - 0.5
+def _limits(projection: Projection) -> FloatArray:
+    (width, height), meets = projection.size, meeting(projection)
+    least = BORDER - 0.5
     centre_u, centre_v, aspect, radius = _disc(projection)
-    return SourcePicture(
-        samples,
-        flat.view(np.uint32) if packed else _NO_TEXELS,
-        flat[:0] if packed else flat,
-        bordered.shape[1],
-        origin,
-        np.array(
-            [
-                first,
-                first,
-                width + last,
-                height + last,
-                _meeting(projection),
-                centre_u + BORDER,
-                centre_v + BORDER,
-                aspect,
-                radius,
-            ]
-        ),
-    )
-
-
-def _fill_rim(inner: Pixels, disc: tuple[float, float, float, float]) -> None:
-    centre_u, centre_v, aspect, radius = disc
-    if radius > 2 * BORDER:
-        kernels.fill_rim(inner, centre_u, centre_v, aspect, radius, float(BORDER))
+    around = width if meets else _NEVER
+    edges = [least, least, width + least, height + least, meets]
+    return np.array([*edges, centre_u + BORDER, centre_v + BORDER, aspect, radius, around])
 
 
 def _disc(projection: Projection) -> tuple[float, float, float, float]:
@@ -247,12 +250,3 @@ def _disc(projection: Projection) -> tuple[float, float, float, float]:
     (u0, v0), (width, height) = camera.centre, camera.size
     corner = math.hypot(max(u0, width - 1 - u0), max(v0, height - 1 - v0) / camera.aspect)
     return u0, v0, camera.aspect, camera.image_radius if camera.image_radius < corner else math.inf
-
-
-def _meeting(projection: Projection) -> int:
-    """How the edges of a picture meet: 0 not at all, 1 left and right, 2 as a sphere's."""
-    if isinstance(projection, Mosaic360):
-        return 1
-    if isinstance(projection, Equirectangular) and projection.whole and projection.size[0] % 2 == 0:
-        return 2
-    return int(isinstance(projection, SeparableSurface) and projection.wraps)
