@@ -244,10 +244,11 @@ def window_of_cube(left: int, top: int, faces: np.ndarray, side: int, pitch: int
             face = faces[cell_row, cell]
             ax, ay, az = face[0, 0], face[1, 0], face[2, 0]
             x, y, z = face[0, 1] * b + face[0, 2], face[1, 1] * b + face[1, 2], face[2, 1] * b + face[2, 2]
-            start = left - cell * pitch + 0.5 - 0.5 * pitch
-            for i in range(first, last):
+            start = left + first - cell * pitch + 0.5 - 0.5 * pitch
+            part = row[first:last]
+            for i in range(part.shape[0]):
                 a = (start + i) / (0.5 * side)
                 scale = 1.0 / np.sqrt(1.0 + a * a + b * b)
-                row[i, 0] = scale * (x + ax * a)
-                row[i, 1] = scale * (y + ay * a)
-                row[i, 2] = scale * (z + az * a)
+                part[i, 0] = scale * (x + ax * a)
+                part[i, 1] = scale * (y + ay * a)
+                part[i, 2] = scale * (z + az * a)
