@@ -175,11 +175,15 @@ def fault_of(file: ImageInput | ImageOutput) -> str:
 
 
 def attribute_of(spec: ImageSpec, name: str) -> object:
-    """Metadata from a header; None if there is none of this name."""
+    """Metadata from a header, texts that are no UTF-8 taken for Latin-1; None if there is none of this name."""
+    value = spec.getattribute(name)
+    if not isinstance(value, str):
+        return value
+    content = value.encode("utf-8", "surrogateescape")
     try:
-        return spec.getattribute(name)
-    except UnicodeDecodeError as error:
-        return error.object.decode("latin-1")
+        return content.decode()
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
 
 
 def _text(ask: Callable[[], str]) -> str:

@@ -290,8 +290,9 @@ def test_texts_that_are_not_utf8_are_read_and_faults_that_quote_them_are_told(tm
     with pytest.raises(InputError, match="cannot be opened") as error, open_picture(path):
         pass
     assert str(error.value).isprintable()
-    latin = tmp_path / "latin.exr"
-    with open_panorama(latin, (16, 16), 3, np.float16, {"Artist": "Jxger & Sxhne"}, overwrite=False) as writer:
-        writer.write_rows(0, np.zeros((16, 16, 3), np.float16))
-    latin.write_bytes(latin.read_bytes().replace(b"Jxger & Sxhne", "Jäger & Söhne".encode("latin-1")))
-    assert read_picture(latin).metadata["Artist"] == "Jäger & Söhne"
+    for ending in ("exr", "jpg", "tif"):
+        latin, dtype = tmp_path / f"latin.{ending}", np.dtype("f2" if ending == "exr" else "u1")
+        with open_panorama(latin, (16, 16), 3, dtype, {"Artist": "Jxger & Sxhne"}, overwrite=False) as writer:
+            writer.write_rows(0, np.zeros((16, 16, 3), dtype))
+        latin.write_bytes(latin.read_bytes().replace(b"Jxger & Sxhne", "Jäger & Söhne".encode("latin-1")))
+        assert read_picture(latin).metadata["Artist"] == "Jäger & Söhne"
