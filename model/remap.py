@@ -7,6 +7,7 @@ them for the next frame.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import threading
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fullsphere.model import sampling_kernels as kernels
 from fullsphere.model.camera import Camera, Projection
+from fullsphere.model.cube_map import CubeMap
 from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.picture_file import PictureFile
@@ -38,6 +40,7 @@ TILE_PX = 512
 """Side of the tiles of `tiles`: their rays and maps stay in the processor's cache."""
 
 _ROWS, _COLUMNS = 64, 512  # of the tiles in here: positions and the part of the source that they need stay in the cache
+_GUTTER = 16  # pixels of its neighbours around each face of a cube: footprints and kernels reach over its edges
 _WHOLE_SHARE = 0.5  # of the memory there is, that a picture file may take to be read whole
 _KINDS = dict(zip(INTERPOLATIONS, (kernels.NEAREST, kernels.LINEAR, kernels.CUBIC, kernels.LANCZOS3), strict=True))
 
@@ -137,8 +140,11 @@ class Remapper:
             raise UsageError(f"interpolation {interpolation!r} is not one of {', '.join(INTERPOLATIONS)}")
         self.source, self.target = source, target
         turn = np.eye(3) if target_from_source is None else np.asarray(target_from_source, float).T
-        self._geometry = Geometry(source, target, turn, BORDER)
         self._kind = _KINDS[interpolation]
+        self._read: Projection = source  # what pixels are read from: a cube's faces with their neighbours around them
+        if isinstance(source, CubeMap) and self._kind != kernels.NEAREST and not source.gutter:
+            self._read = dataclasses.replace(source, gutter=min(_GUTTER, source.side))
+        self._geometry = Geometry(self._read, target, turn, BORDER)
         self._halo = 1 if antialias and self._kind != kernels.NEAREST else 0
         self._linear_light, self._executor = linear_light, executor
         self._kept: dict[tuple[int, int], Positions | None] = {}
@@ -194,8 +200,11 @@ class Remapper:
                 "float32"
             )
         samples = Samples(np.dtype(image.dtype), channels, self._linear_light)
+        if isinstance(self._read, CubeMap) and isinstance(self.source, CubeMap) and self._read is not self.source:
+            whole = image.window(0, 0, *size) if isinstance(image, PictureFile) else image
+            image, _ = self.source.with_gutters(whole, self._read.gutter)
         if not isinstance(image, PictureFile):
-            return source_picture([(0, image.reshape(*image.shape[:2], channels))], self.source, samples)
+            return source_picture([(0, image.reshape(*image.shape[:2], channels))], self._read, samples)
         available = available_memory()
         if available is not None and bytes_when_ready(size, samples) > _WHOLE_SHARE * available:
             return WindowedPicture(image, self.source, samples)
