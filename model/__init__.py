@@ -39,6 +39,7 @@ if TYPE_CHECKING:
         Thoby,
         UnifiedCamera,
     )
+    from fullsphere.model.projection_text import Placed, parse_projection
     from fullsphere.model.remap import remap
     from fullsphere.model.store import load_camera, save_camera
     from fullsphere.model.surface import Cylindrical, Equirectangular, Mercator, Mosaic360
@@ -72,6 +73,7 @@ __all__ = [
     "Perspective",
     "Photo",
     "PhotoViews",
+    "Placed",
     "Projection",
     "RayTable",
     "ScaledStereographic",
@@ -89,6 +91,7 @@ __all__ = [
     "load_camera",
     "load_target",
     "locate",
+    "parse_projection",
     "parse_target",
     "ray_sigma",
     "read_points",
@@ -157,6 +160,7 @@ offer(
             "Thoby",
             "UnifiedCamera",
         ),
+        "projection_text": ("Placed", "parse_projection"),
         "remap": ("remap",),
         "store": ("load_camera", "save_camera"),
         "surface": ("Cylindrical", "Equirectangular", "Mercator", "Mosaic360"),

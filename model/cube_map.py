@@ -85,9 +85,10 @@ class CubeMap:
     def __post_init__(self) -> None:
         if self.layout not in LAYOUTS:
             raise UsageError(f"cube map: layout {self.layout!r} is not one of {', '.join(LAYOUTS)}")
-        checked_size((self.side, self.side))
-        if not 0 <= self.gutter <= self.side:
+        object.__setattr__(self, "side", checked_size((self.side, self.side))[0])
+        if not 0 <= self.gutter <= self.side or self.gutter != int(self.gutter):
             raise UsageError(f"cube map: a gutter of {self.gutter} px round faces of {self.side} px; at most the side")
+        object.__setattr__(self, "gutter", int(self.gutter))
         checked_size(self.size)
 
     @property

@@ -62,8 +62,8 @@ class SeparableSurface(abc.ABC):
     def project(self, rays: ArrayLike, rotation: ArrayLike | None = None, dtype: type = np.float64) -> NDArray[Any]:
         """Rays (..., 3) of any length -> pixels (..., 2) of `dtype`; NaN for no direction, and where rows never end.
 
-        `rotation` (3, 3) takes the rays into the surface's frame first, in the same pass.  float64 is exact to 1e-11
-        px; float32 to its rounding, 7e-4 px in a picture 8192 px wide, for rays 1e-15 to 1e15 long.
+        `rotation` (3, 3) takes the rays into the surface's frame first, in the same pass.  Errors are at most 1e-10
+        px in a picture 32768 px wide; in float32 7e-4 px in one of 8192 px, for rays 1e-15 to 1e15 long.
         """
         given = contiguous_rays(rays)
         pixels: NDArray[Any] = np.empty((*given.shape[:-1], 2), dtype)
@@ -154,7 +154,7 @@ class Equirectangular(SeparableSurface):
                 f"a full equirectangular picture is twice as wide as high and 2 to {MAX_SIDE_PX} px wide, "
                 f"not {width} x {height}"
             )
-        checked_size(self.size)
+        object.__setattr__(self, "size", checked_size(self.size))
 
     @property
     def whole(self) -> bool:
@@ -179,7 +179,7 @@ class _Upright(SeparableSurface):
     latitudes: Range | None = None
 
     def __post_init__(self) -> None:
-        checked_size(self.size)
+        object.__setattr__(self, "size", checked_size(self.size))
         if not 0 < self.hfov <= 2 * math.pi + _ROUNDING:
             raise UsageError(f"a horizontal field of view of {math.degrees(self.hfov):.6g} degrees is not in (0, 360]")
         if self.latitudes is not None:
@@ -267,7 +267,7 @@ class Mosaic360(SeparableSurface):
     size: tuple[int, int]
 
     def __post_init__(self) -> None:
-        checked_size(self.size)
+        object.__setattr__(self, "size", checked_size(self.size))
 
     @property
     def longitudes(self) -> Range:
@@ -299,10 +299,11 @@ def checked_rotation(rotation: ArrayLike | None) -> FloatArray:
     return turn
 
 
-def checked_size(size: tuple[int, int]) -> None:
-    """UsageError if the size is none of a picture."""
+def checked_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Width and height as whole numbers; UsageError if they are none of a picture."""
     if not all(1 <= side <= MAX_SIDE_PX and side == int(side) for side in size):
         raise UsageError(f"a picture of {size[0]} x {size[1]}: a side is a whole number of pixels, 1 to {MAX_SIDE_PX}")
+    return int(size[0]), int(size[1])
 
 
 def _checked_longitudes(longitudes: Range) -> None:

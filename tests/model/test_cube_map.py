@@ -159,6 +159,8 @@ def test_a_picture_of_another_size_gets_no_gutters() -> None:
         ({"side": 10, "layout": "star"}, "strip, 3x2, cross, vertical-cross"),
         ({"side": 10, "gutter": -1}, "gutter"),
         ({"side": 10, "gutter": 11}, "gutter"),
+        ({"side": 10, "gutter": 1.5}, "gutter"),
+        ({"side": 10, "gutter": math.nan}, "gutter"),
         ({"side": math.nan}, "whole number of pixels"),
     ],
 )

@@ -292,8 +292,12 @@ def test_a_cylinder_that_is_none_is_refused(surface: type[Cylindrical | Mercator
             surface((100, 100), 1.0, latitudes)
 
 
+def test_a_size_is_whole_numbers() -> None:
+    assert repr(Mosaic360((np.int64(8), 4.0)).size) == "(8, 4)"  # type: ignore[arg-type]
+
+
 @every_separable
-@pytest.mark.parametrize("size", [(0, 10), (10, -1), (1 << 21, 10)])
+@pytest.mark.parametrize("size", [(0, 10), (10, -1), (1 << 21, 10), (10.5, 10), (math.nan, 10)])
 def test_a_picture_without_pixels_is_refused(name: str, size: tuple[int, int]) -> None:
     with pytest.raises(UsageError, match="wide as high" if name == "sphere" else "a side is a whole number"):
         dataclasses.replace(SEPARABLE[name], size=size)  # type: ignore[type-var]
