@@ -107,6 +107,19 @@ def test_window_rays_are_those_of_its_pixels(name: str) -> None:
     np.testing.assert_array_equal(small, window.astype(np.float32))
 
 
+@every_surface
+def test_the_same_bytes_however_a_picture_is_cut(name: str) -> None:
+    surface = SURFACES[name]
+    width, height = surface.size
+    whole = surface.window_rays(slice(0, width), slice(0, height))
+    for left, top, right, bottom in ((0, 0, 7, 3), (5, 11, 38, 12), (13, 1, width, height), (30, 20, 31, 37)):
+        part = surface.window_rays(slice(left, right), slice(top, bottom))
+        np.testing.assert_array_equal(part, whole[top:bottom, left:right])
+        for dtype in (np.float32, np.float64):
+            pixels = surface.project(whole, rotation(4), dtype)
+            np.testing.assert_array_equal(surface.project(part, rotation(4), dtype), pixels[top:bottom, left:right])
+
+
 @every_separable
 def test_rays_are_of_columns_and_rows(name: str) -> None:
     surface = SEPARABLE[name]
