@@ -1,10 +1,9 @@
 """How long a remap takes, beside other programs that do the same job on the same pixels."""
 
-import importlib
 import math
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,7 @@ from remap_table import Row, absent_row, alternating, limit_row, note, seconds_r
 
 from fullsphere.model.camera import Camera
 from fullsphere.model.lens import KannalaBrandt
-from fullsphere.model.remap import remap
+from fullsphere.model.remap import Remapper, remap
 from fullsphere.model.store import save_camera
 from fullsphere.model.table import tabulate
 from fullsphere.mosaic.photographer import Scene
@@ -42,68 +41,66 @@ _GIGAPIXEL_WIDTH = 46340
 _FRAME_OF_100_MEGAPIXELS = 10000
 
 
-def speed_rows(scene: Scene, job: Job, programs: Programs, runs: int, executor: Executor, folder: Path) -> list[Row]:
-    """Every comparison of times; files go to `folder`."""
-    note("speed: rendering the frame")
-    frame = frame_of(scene, job.camera, executor, supersampling=2)
-    cv2.imwrite(str(folder / "in.tif"), frame[..., ::-1], [cv2.IMWRITE_TIFF_COMPRESSION, 1])
-    save_camera(folder / "camera.json", job.camera)
-    write_planes(folder / "in.raw", frame)
-    return [
-        *_steady(frame, job, programs, runs, executor, folder),
-        *_first_frame(job, programs, runs, folder),
-        _against_scipy(frame, job, runs, executor),
-        _against_py360convert(scene, ViewJob(job.width, job.side), programs, runs, executor, folder),
-        *_points(runs),
-    ]
+SPEED_PARTS = ("steady", "first-frame", "python", "points")
+
+
+def speed_rows(
+    parts: Sequence[str], scene: Scene, job: Job, programs: Programs, runs: int, executor: Executor, folder: Path
+) -> list[Row]:
+    """The comparisons of times of those `parts` that are of SPEED_PARTS; files go to `folder`."""
+    rows: list[Row] = []
+    if {"steady", "first-frame", "python"}.intersection(parts):
+        note("speed: rendering the frame")
+        frame = frame_of(scene, job.camera, executor, supersampling=2)
+    if "steady" in parts:
+        rows += _steady(frame, job, programs, runs, executor, folder)
+    if "first-frame" in parts:
+        rows += _first_frame(frame, job, programs, runs, folder)
+    if "python" in parts:
+        rows.append(_against_scipy(frame, job, runs, executor))
+        view = ViewJob(job.width, job.side)
+        rows.append(_against_py360convert(scene, view, programs, runs, executor, folder))
+    if "points" in parts:
+        rows += _points(runs)
+    return rows
 
 
 def _steady(frame: Pixels, job: Job, programs: Programs, runs: int, executor: Executor, folder: Path) -> list[Row]:
     """One frame after another in one process."""
+    write_planes(folder / "in.raw", frame)
     bare = BareCv2(job)
+    keeping = Remapper(job.camera, job.target, None, "linear", kept_bytes=KEPT_BYTES, executor=executor)
     jobs: dict[str, Callable[[], float | None]] = {
         "cv2": lambda: _discarded(bare(frame)),
         "fly": lambda: _discarded(remap(frame, job.camera, job.target, None, "linear", executor)),
+        "kept": lambda: _discarded(keeping(frame)),
     }
-    remapper = _remapper(job, executor)
-    if remapper:
-        jobs["kept"] = lambda: _discarded(remapper(frame))
     if programs.ffmpeg:
         ffmpeg = programs.ffmpeg
         jobs["ffmpeg"] = lambda: ffmpeg_seconds_per_frame(ffmpeg, folder / "in.raw", job)
     seconds = alternating(runs, jobs)
-    fly, kept, cv2_name = "linear, geometry on the fly", "linear, geometry kept", "cv2.remap, maps ready"
-    rows = [seconds_row(f"{fly} / {cv2_name}", seconds["fly"], seconds["cv2"], 1.0)]
-    if "kept" in seconds:
-        rows.append(seconds_row(f"{kept} / {cv2_name}", seconds["kept"], seconds["cv2"], 0.75))
-    else:
-        rows.append(absent_row(f"{kept} / {cv2_name}", "Remapper"))
-    if "ffmpeg" not in seconds:
-        return [*rows, absent_row(f"{fly} / ffmpeg v360", "ffmpeg")]
-    rows.append(seconds_row(f"{fly} / ffmpeg v360, a frame in steady state", seconds["fly"], seconds["ffmpeg"], 0.45))
-    if "kept" in seconds:
-        rows.append(
-            seconds_row(f"{kept} / ffmpeg v360, a frame in steady state", seconds["kept"], seconds["ffmpeg"], None)
-        )
-    return rows
+    fly, kept = "linear, geometry on the fly", "linear, geometry kept"
+    rows = [
+        seconds_row(f"{fly} / cv2.remap, maps ready", seconds["fly"], seconds["cv2"], 1.0),
+        seconds_row(f"{kept} / cv2.remap, maps ready", seconds["kept"], seconds["cv2"], 0.75),
+    ]
+    measure = "ffmpeg v360, a frame in steady state"
+    if programs.ffmpeg is None:
+        return [*rows, absent_row(f"{fly} / {measure}", "ffmpeg")]
+    return [
+        *rows,
+        seconds_row(f"{fly} / {measure}", seconds["fly"], seconds["ffmpeg"], 0.45),
+        seconds_row(f"{kept} / {measure}", seconds["kept"], seconds["ffmpeg"], None),
+    ]
 
 
-def _remapper(job: Job, executor: Executor) -> Callable[[Pixels], object] | None:
-    """The program's `Remapper` for this job, or None in a version that has none."""
-    maker = getattr(importlib.import_module("fullsphere.model.remap"), "Remapper", None)
-    if maker is None:
-        return None
-    remapper: Callable[[Pixels], object] = maker(
-        job.camera, job.target, None, "linear", kept_bytes=KEPT_BYTES, executor=executor
-    )
-    return remapper
-
-
-def _first_frame(job: Job, programs: Programs, runs: int, folder: Path) -> list[Row]:
+def _first_frame(frame: Pixels, job: Job, programs: Programs, runs: int, folder: Path) -> list[Row]:
     """Whole processes, from an uncompressed TIFF to an uncompressed TIFF."""
     measure = "first frame, whole process, TIFF to TIFF, linear / nona"
     if programs.nona is None:
         return [absent_row(measure, "nona")]
+    _write_tiff(folder / "in.tif", frame)
+    save_camera(folder / "camera.json", job.camera)
     ours = _command(folder, folder / "in.tif", folder / "camera.json", job.width, "ours.tif")
     ours += ["--interpolation", "linear"]
     if _offers("--compression"):
@@ -183,7 +180,7 @@ def gigapixel_rows(scene: Scene, executor: Executor, folder: Path) -> list[Row]:
     note("gigapixel: rendering the frame")
     job = Job(_FRAME_OF_100_MEGAPIXELS, _GIGAPIXEL_WIDTH)
     frame = frame_of(scene, job.camera, executor, supersampling=1)
-    cv2.imwrite(str(folder / "large.tif"), frame[..., ::-1], [cv2.IMWRITE_TIFF_COMPRESSION, 1])
+    _write_tiff(folder / "large.tif", frame)
     del frame
     save_camera(folder / "large.json", job.camera)
     per_pixel, peak = {}, {}
@@ -221,6 +218,10 @@ def _command(folder: Path, picture: Path, camera: Path, width: int, output: str)
 
 def _offers(option: str) -> bool:
     return option in subprocess.run(["fullsphere", "remap", "--help"], capture_output=True, text=True).stdout
+
+
+def _write_tiff(path: Path, frame: Pixels) -> None:
+    cv2.imwrite(str(path), frame[..., ::-1], [cv2.IMWRITE_TIFF_COMPRESSION, 1])
 
 
 def _discarded(_: object) -> None:

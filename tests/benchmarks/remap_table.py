@@ -62,14 +62,16 @@ def alternating(runs: int, jobs: Mapping[str, Callable[[], float | None]]) -> di
 
     A job that answers seconds has measured itself; for others the call is timed.
     """
+    note(f"speed: {runs} runs of {', '.join(jobs)}")
     seconds: dict[str, list[float]] = {name: [] for name in jobs}
     for run in range(runs + 1):
-        note(f"  run {run} of {runs}: {', '.join(jobs)}")
         for name, job in jobs.items():
             started = time.perf_counter()
             measured = job()
             if run:
                 seconds[name].append(time.perf_counter() - started if measured is None else measured)
+    for name, values in seconds.items():
+        note(f"  {name}: {min(values):.4f} to {max(values):.4f} s, median {statistics.median(values):.4f}")
     return {name: statistics.median(values) for name, values in seconds.items()}
 
 
