@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from fullsphere.model import surface_kernels as kernels
 from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import FloatArray
-from fullsphere.model.surface import checked_rotation, checked_size, contiguous_rays
+from fullsphere.model.separable import checked_rotation, checked_size, contiguous_rays
 
 Layout = Literal["strip", "3x2", "cross", "vertical-cross"]
 LAYOUTS: tuple[Layout, ...] = get_args(Layout)
