@@ -38,12 +38,14 @@ class PictureBlocks:
         Whether a block is a tile of the file; else it is a band of whole rows.
     block_size
         Width and height of a block; those at the right and the lower border are cut off there.
+    at_random
+        Whether blocks may be read in any order, and by several readers, as fast as in the order of the file.
     """
 
     def __init__(self, path: Path, by_region: bool, sample_types: dict[str, str]) -> None:
         """Open `path`; InputError as `opened`, and for samples that are no key of `sample_types` (wanted by stored)."""
         self.path = path
-        self._by_region = by_region
+        self._by_region, self._sample_types = by_region, sample_types
         self._resources = contextlib.ExitStack()
         self._reader, self.spec = self._open()
         self.kind = str(self._reader.format_name())
@@ -58,7 +60,7 @@ class PictureBlocks:
         self.block_size = (
             (self.spec.tile_width, self.spec.tile_height) if self.tiled else (self.spec.width, _band_rows(self.spec))
         )
-        self._by_rows = not self.tiled and self.kind != "openexr"
+        self.at_random = self.tiled or self.kind == "openexr"
         self._at_once = self.kind in _DECODED_AT_ONCE
         self._next_row = 0
         self._damage: tuple[int, str] | None = None  # from which row on nothing can be read, and why
@@ -71,19 +73,29 @@ class PictureBlocks:
         InputError
             If a part of them is damaged, or the file is no longer the one that was opened.
         """
-        if self._by_rows:
+        if not self.at_random:
             self._go_to(top, bottom)
         try:
             samples = read_part(
                 self.path, self._reader, self.spec, (left, top, right, bottom), self.sample_type, self.tiled
             )
         except InputError as error:
-            if self._by_rows:
+            if not self.at_random:
                 self._damage = (0 if self._at_once else top, str(error))
                 self._next_row = self.spec.height
             raise
         self._next_row = bottom
         return samples
+
+    def opened_again(self) -> PictureBlocks:
+        """Another reader of the same picture; InputError if the file is no longer the one that was opened."""
+        other = PictureBlocks(self.path, self._by_region, self._sample_types)
+        try:
+            self._require_same(other.spec, other.kind)
+        except BaseException:
+            other.close()
+            raise
+        return other
 
     def close(self) -> None:
         """Let go of the file."""
@@ -99,9 +111,12 @@ class PictureBlocks:
             return
         self._resources.close()
         self._reader, spec = self._open()
-        if _shape(spec) != _shape(self.spec) or self._reader.format_name() != self.kind:
-            raise InputError(f"{self.path}: was replaced while it was read; start again")
+        self._require_same(spec, self._reader.format_name())
         self._next_row = 0
+
+    def _require_same(self, spec: ImageSpec, kind: str) -> None:
+        if _shape(spec) != _shape(self.spec) or kind != self.kind:
+            raise InputError(f"{self.path}: was replaced while it was read; start again")
 
 
 def _band_rows(spec: ImageSpec) -> int:

@@ -6,8 +6,6 @@ Pixels are in sensor coordinates, as stored: the EXIF orientation is kept beside
 from __future__ import annotations
 
 import contextlib
-import threading
-from collections import OrderedDict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fullsphere.model.block_cache import BlockCache
 from fullsphere.model.errors import InputError
 from fullsphere.model.image_library import ImageSpec, attribute_of
 from fullsphere.model.picture_blocks import PictureBlocks
@@ -73,12 +72,9 @@ class PictureFile:
         try:
             self._take_header(self._blocks.spec)
         except BaseException:
-            self.close()
+            self._blocks.close()
             raise
-        self._cache_bytes = cache_bytes
-        self._kept: OrderedDict[tuple[int, int], Pixels] = OrderedDict()  # by left and top, the latest at the end
-        self._kept_bytes = 0
-        self._lock = threading.Lock()
+        self._cache = BlockCache(self._blocks, cache_bytes, self._made)
 
     def window(self, left: int, top: int, width: int, height: int) -> Pixels:
         """The pixels (height, width, c) of a rectangle of the picture, C order, of the file's type.
@@ -88,7 +84,7 @@ class PictureFile:
         InputError
             If a part of the file that holds them is damaged.
         ValueError
-            If the rectangle is empty or not within the picture.
+            If the rectangle is empty or not within the picture, or the file is closed.
         """
         right, bottom = left + width, top + height
         if not (0 <= left < right <= self.size[0] and 0 <= top < bottom <= self.size[1]):
@@ -97,7 +93,7 @@ class PictureFile:
         block_width, block_height = self._blocks.block_size
         for block_top in range(top - top % block_height, bottom, block_height):
             for block_left in range(left - left % block_width, right, block_width):
-                block = self._block(block_left, block_top)
+                block = self._cache.block(block_left, block_top)
                 x0, x1 = max(left, block_left), min(right, block_left + block_width)
                 y0, y1 = max(top, block_top), min(bottom, block_top + block_height)
                 part = block[y0 - block_top : y1 - block_top, x0 - block_left : x1 - block_left]
@@ -122,13 +118,11 @@ class PictureFile:
         width, height = self.size
         step = self._blocks.block_size[1] * max(1, rows // self._blocks.block_size[1])
         for top in range(0, height, step):
-            with self._lock:
-                strip = self._read(0, top, width, min(top + step, height))
-            yield top, strip
+            yield top, self._cache.read(0, top, width, min(top + step, height))
 
     def close(self) -> None:
         """Let go of the file."""
-        self._blocks.close()
+        self._cache.close()
 
     def _take_header(self, spec: ImageSpec) -> None:
         if not (spec.nchannels in (1, 3, 4) or (spec.nchannels == 2 and spec.alpha_channel == 1)):
@@ -144,28 +138,8 @@ class PictureFile:
         block_bytes = self._blocks.block_size[0] * self._blocks.block_size[1] * self.channels * self.dtype.itemsize
         require_memory(block_bytes, f"{self.path}:", "its tiles are too large; export it again")
 
-    def _block(self, left: int, top: int) -> Pixels:
-        """The block that begins there, from the cache or from the file."""
-        with self._lock:
-            block = self._kept.get((left, top))
-            if block is not None:
-                self._kept.move_to_end((left, top))
-                return block
-            width, height = self._blocks.block_size
-            block = self._read(left, top, min(left + width, self.size[0]), min(top + height, self.size[1]))
-            self._keep((left, top), block)
-            return block
-
-    def _read(self, left: int, top: int, right: int, bottom: int) -> Pixels:
-        pixels = self._blocks.read(left, top, right, bottom)
-        return divided_by_alpha(pixels) if self._multiplied else np.ascontiguousarray(pixels)
-
-    def _keep(self, place: tuple[int, int], block: Pixels) -> None:
-        self._kept[place] = block
-        self._kept_bytes += block.nbytes
-        while self._kept_bytes > self._cache_bytes and self._kept:
-            _, oldest = self._kept.popitem(last=False)
-            self._kept_bytes -= oldest.nbytes
+    def _made(self, samples: Pixels) -> Pixels:
+        return divided_by_alpha(samples) if self._multiplied else samples
 
 
 @contextlib.contextmanager

@@ -17,7 +17,6 @@ from fullsphere.model import image_library, picture_blocks
 from fullsphere.model.errors import InputError, ResourceError
 from fullsphere.model.image_library import MAX_PIXELS, ImageOutput, ImageSpec
 from fullsphere.model.images import open_panorama, open_picture, picture_size, read_picture
-from fullsphere.model.picture_file import PictureFile
 
 SIZE = (500, 411)  # neither side a multiple of a tile's or of a band's
 
@@ -204,20 +203,55 @@ def test_a_cut_file_gives_its_own_pixels_or_an_error(tmp_path: Path, name: str) 
     assert refused >= 3
 
 
-def test_many_threads_read_one_file(tmp_path: Path) -> None:
-    for name in ("baseline.jpg", "tiles.tif"):
-        path = written(tmp_path, name)
-        whole = read_picture(path).pixels
-        with open_picture(path, cache_bytes=500_000) as file, ThreadPoolExecutor(4) as pool:
+@pytest.mark.parametrize("name", ["baseline.jpg", "odd-strips.tif", "tiles.tif", "tiles.exr", "rows.exr"])
+@pytest.mark.parametrize("cache_bytes", [0, 500_000])
+def test_many_threads_read_one_file(tmp_path: Path, name: str, cache_bytes: int) -> None:
+    path = written(tmp_path, name)
+    whole = read_picture(path).pixels
+    with open_picture(path, cache_bytes) as file, ThreadPoolExecutor(6) as pool:
 
-            def right(seed: int, file: PictureFile = file, whole: NDArray[Any] = whole) -> bool:
-                corners = np.random.default_rng(seed).integers(0, 300, (30, 2))
-                return all(
-                    np.array_equal(file.window(left, top, 100, 100), whole[top : top + 100, left : left + 100])
-                    for left, top in corners
-                )
+        def right(seed: int) -> bool:
+            if seed == 0:
+                return all(np.array_equal(strip, whole[top : top + len(strip)]) for top, strip in file.strips(50))
+            corners = np.random.default_rng(seed).integers(0, 300, (10, 2)).tolist()
+            return all(
+                np.array_equal(file.window(left, top, 100, 100), whole[top : top + 100, left : left + 100])
+                for left, top in corners
+            )
 
-            assert all(pool.map(right, range(4)))
+        assert all(pool.map(right, range(6)))
+
+
+def test_threads_decode_a_block_once_and_all_meet_its_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written(tmp_path, "tiles.tif")
+    content, decoded = bytearray(path.read_bytes()), []
+    content[len(content) * 8 // 10 : len(content) * 9 // 10] = bytes(len(content) * 9 // 10 - len(content) * 8 // 10)
+    path.write_bytes(content)
+    read_part = image_library.read_part
+
+    def counted(*args: Any) -> NDArray[Any]:
+        decoded.append(args[3])
+        return read_part(*args)
+
+    monkeypatch.setattr(picture_blocks, "read_part", counted)
+    with open_picture(path) as file, ThreadPoolExecutor(6) as pool:
+        list(pool.map(lambda _: file.window(0, 0, 400, 250), range(12)))
+        assert len(decoded) == len(set(decoded)) == 2
+        for result in [pool.submit(file.window, 0, 300, SIZE[0], 111) for _ in range(6)]:
+            with pytest.raises(InputError, match="damaged"):
+                result.result()
+
+
+def test_a_closed_file_is_not_read(tmp_path: Path) -> None:
+    for name in ("eight.png", "tiles.tif"):
+        with open_picture(written(tmp_path, name)) as file:
+            file.window(0, 0, 10, 10)
+            strips = file.strips(64)
+            next(strips)
+        with pytest.raises(ValueError, match="is closed"):
+            file.window(0, 0, 10, 10)
+        with pytest.raises(ValueError, match="is closed"):
+            next(strips)
 
 
 def test_a_rectangle_outside_the_picture_is_a_mistake(tmp_path: Path) -> None:
