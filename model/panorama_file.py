@@ -103,7 +103,8 @@ def open_panorama(
     icc_profile
         The colour profile of the samples, if they are not sRGB; an .exr has no place for it.
     compression
-        .tif: zip, lzw, none; .exr: zip, piz, none and the lossy dwaa and dwab; .png: zip, none; .jpg: the quality, 1 to 100.
+        .tif: zip, lzw, none; .exr: zip, piz, none and the lossy dwaa and dwab; .png: zip, none; .jpg: the quality, 1
+        to 100.
         By default the first, and quality 95.
 
     Raises
