@@ -40,7 +40,7 @@ if TYPE_CHECKING:
         UnifiedCamera,
     )
     from fullsphere.model.projection_text import Placed, parse_projection
-    from fullsphere.model.remap import remap
+    from fullsphere.model.remap import Band, Remapper, remap
     from fullsphere.model.store import load_camera, save_camera
     from fullsphere.model.surface import Cylindrical, Equirectangular, Mercator, Mosaic360
     from fullsphere.model.table import RayTable, tabulate
@@ -50,6 +50,7 @@ __all__ = [
     "AprilGrid",
     "Assessment",
     "BaksteinPajdla",
+    "Band",
     "Brown",
     "Calibration",
     "Camera",
@@ -76,6 +77,7 @@ __all__ = [
     "Placed",
     "Projection",
     "RayTable",
+    "Remapper",
     "ScaledStereographic",
     "Scaramuzza",
     "Selection",
@@ -161,7 +163,7 @@ offer(
             "UnifiedCamera",
         ),
         "projection_text": ("Placed", "parse_projection"),
-        "remap": ("remap",),
+        "remap": ("Band", "Remapper", "remap"),
         "store": ("load_camera", "save_camera"),
         "surface": ("Cylindrical", "Equirectangular", "Mercator", "Mosaic360"),
         "table": ("RayTable", "tabulate"),

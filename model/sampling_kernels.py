@@ -269,7 +269,7 @@ def sample_tile(
     limits
         Least u, least v, greatest u, greatest v of the picture; how its edges meet (0 not, 1 left and right, 2 as a
         sphere); centre u, centre v, aspect and radius of the disc outside which nothing is seen; pixels around, a huge
-        number where the edges do not meet.  Of the positions' type.
+        number where the edges do not meet; the longest step that is no jump.  Of the positions' type.
     top
         The largest code of an integer type, to which values are clipped; zero for floating point.
     out
@@ -387,12 +387,12 @@ def _average(
     where s falls to 1.2, and is the whole of the footprint where s is large.
     """
     height, width, kept = out.shape
-    around = limits[9]
+    around, longest = limits[9], limits[10]
     large = np.zeros(width, np.uint8)
     at_u, at_v, owner = np.zeros(_CHUNK, u.dtype), np.zeros(_CHUNK, u.dtype), np.zeros(_CHUNK, np.int32)
     total, number = np.zeros((width, 4), np.float32), np.zeros(width, np.int32)
     for j in range(height):
-        if _mark_large(u, v, j, around, large) == 0:
+        if _mark_large(u, v, j, around, longest, large) == 0:
             continue
         total[:] = 0
         number[:] = 0
@@ -401,8 +401,8 @@ def _average(
             if large[i] == 0:
                 continue
             p, q = u[j + 1, i + 1], v[j + 1, i + 1]
-            xu, xv, x = _shorter(u[j + 1, i], p, u[j + 1, i + 2], v[j + 1, i], q, v[j + 1, i + 2], around)
-            yu, yv, y = _shorter(u[j, i + 1], p, u[j + 2, i + 1], v[j, i + 1], q, v[j + 2, i + 1], around)
+            xu, xv, x = _shorter(u[j + 1, i], p, u[j + 1, i + 2], v[j + 1, i], q, v[j + 1, i + 2], around, longest)
+            yu, yv, y = _shorter(u[j, i + 1], p, u[j + 2, i + 1], v[j, i + 1], q, v[j + 2, i + 1], around, longest)
             across, down = min(int(np.ceil(x)), _MOST), min(int(np.ceil(y)), _MOST)
             wide, high = x * 0, y * 0
             if x * x > _SHARP:
@@ -442,17 +442,17 @@ def _average(
 
 
 @compiled
-def _mark_large(u: np.ndarray, v: np.ndarray, j: int, around: float, large: np.ndarray) -> int:
+def _mark_large(u: np.ndarray, v: np.ndarray, j: int, around: float, longest: float, large: np.ndarray) -> int:
     """Mark the pixels of row j whose footprint is clearly more than a source pixel wide or high; answers how many."""
     above_u, row_u, below_u = u[j], u[j + 1], u[j + 2]
     above_v, row_v, below_v = v[j], v[j + 1], v[j + 2]
     count = 0
     for i in range(large.shape[0]):
         p, q = row_u[i + 1], row_v[i + 1]
-        left = _squared(p - row_u[i], q - row_v[i], around)
-        right = _squared(row_u[i + 2] - p, row_v[i + 2] - q, around)
-        up = _squared(p - above_u[i + 1], q - above_v[i + 1], around)
-        down = _squared(below_u[i + 1] - p, below_v[i + 1] - q, around)
+        left = _squared(p - row_u[i], q - row_v[i], around, longest)
+        right = _squared(row_u[i + 2] - p, row_v[i + 2] - q, around, longest)
+        up = _squared(p - above_u[i + 1], q - above_v[i + 1], around, longest)
+        down = _squared(below_u[i + 1] - p, below_v[i + 1] - q, around, longest)
         # where one step is NaN (outside) or jumps (to another face of a cube) the other decides
         wide = (not left <= _SHARP) & (not right <= _SHARP) & ((left > _SHARP) | (right > _SHARP))
         high = (not up <= _SHARP) & (not down <= _SHARP) & ((up > _SHARP) | (down > _SHARP))
@@ -462,30 +462,36 @@ def _mark_large(u: np.ndarray, v: np.ndarray, j: int, around: float, large: np.n
 
 
 @compiled
-def _squared(du: float, dv: float, around: float) -> float:
-    """The square of a step; a step across the edge of a picture that goes round is the short way."""
+def _squared(du: float, dv: float, around: float, longest: float) -> float:
+    """The square of a step; across the edge of a picture that goes round it is the short way.  NaN if it is a jump."""
     du -= around * np.floor(du / around + _HALF)
-    return du * du + dv * dv
+    squared = du * du + dv * dv
+    return squared if squared <= longest * longest else du * np.nan
 
 
 @compiled
 def _shorter(
-    before: float, at: float, after: float, other_before: float, other: float, other_after: float, around: float
+    before: float,
+    at: float,
+    after: float,
+    other_before: float,
+    other: float,
+    other_after: float,
+    around: float,
+    longest: float,
 ) -> tuple:
     """The shorter of the steps to a position from the one before and to the one after, and its length.
 
-    Where neighbours lie on two faces of a cube one of the steps jumps across the picture.
+    Where neighbours lie on two faces of a cube a step jumps across the picture, and is none.
     """
     du, dv = at - before, other - other_before
     eu, ev = after - at, other_after - other
-    du -= around * np.floor(du / around + _HALF)
-    eu -= around * np.floor(eu / around + _HALF)
-    d, e = du * du + dv * dv, eu * eu + ev * ev
+    d, e = _squared(du, dv, around, longest), _squared(eu, ev, around, longest)
     if e < d or d != d:
         du, dv, d = eu, ev, e
     if d != d:
         return at * 0, at * 0, at * 0
-    return du, dv, np.sqrt(d)
+    return du - around * np.floor(du / around + _HALF), dv, np.sqrt(d)
 
 
 @compiled

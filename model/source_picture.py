@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fullsphere.model import sampling_kernels as kernels
 from fullsphere.model.camera import Camera, Projection
 from fullsphere.model.colour import encoded_from_linear, linear_from_encoded
+from fullsphere.model.cube_map import CubeMap
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.surface import Equirectangular, SeparableSurface
 from fullsphere.model.table import RayTable
@@ -25,7 +26,7 @@ BORDER = 4
 """Pixels around a picture: the widest kernel reads three to either side of a position that is at most half outside."""
 
 _NO_TEXELS = np.empty(0, np.uint32)
-_NEVER = 1e30  # pixels around a picture whose edges do not meet
+_NEVER = 1e18  # pixels, more than any picture has; its square is still a float32
 _OPAQUE_ENOUGH = 1e-4  # of alpha: less than a code of 8 bits, below it there is no colour to restore
 
 
@@ -135,7 +136,7 @@ class SourcePicture:
         left, top = self.origin
         if self.origin != (0, 0):
             u, v = u - u.dtype.type(left), v - v.dtype.type(top)
-            limits = limits - np.array([left, top, left, top, 0, left, top, 0, 0, 0])
+            limits = limits - np.array([left, top, left, top, 0, left, top, 0, 0, 0, 0])
         flat = self.bordered.reshape(-1)
         out = np.empty((*shape, self.samples.channels), self.samples.working)
         kernels.sample_tile(
@@ -238,8 +239,9 @@ def _limits(projection: Projection) -> FloatArray:
     least = BORDER - 0.5
     centre_u, centre_v, aspect, radius = _disc(projection)
     around = width if meets else _NEVER
+    longest = projection.side / 2 if isinstance(projection, CubeMap) else _NEVER
     edges = [least, least, width + least, height + least, meets]
-    return np.array([*edges, centre_u + BORDER, centre_v + BORDER, aspect, radius, around])
+    return np.array([*edges, centre_u + BORDER, centre_v + BORDER, aspect, radius, around, longest])
 
 
 def _disc(projection: Projection) -> tuple[float, float, float, float]:

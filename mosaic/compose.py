@@ -9,22 +9,20 @@ from __future__ import annotations
 import math
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.camera import Camera
-from fullsphere.model.circle import ImageCircle
 from fullsphere.model.colour import encoded_from_linear, linear_from_encoded
-from fullsphere.model.lens import FloatArray
-from fullsphere.model.remap import TILE_PX, Tile, pixels_per_radian, tiles, window_rays
-from fullsphere.model.sampling import sample, smoothed
+from fullsphere.model.positions import Geometry
+from fullsphere.model.remap import TILE_PX, Tile, tiles
+from fullsphere.model.sampling_kernels import CUBIC
+from fullsphere.model.source_picture import BORDER, Samples, SourcePicture, source_picture
 from fullsphere.model.surface import Equirectangular
-from fullsphere.model.table import RayTable, tabulate
 from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.blend import Feather
 from fullsphere.mosaic.project import Frame, Mosaic
@@ -47,10 +45,9 @@ class Band(NamedTuple):
 
 
 class _Light(NamedTuple):
-    """A frame's pixels in linear light (h, w, 3), and its mask (h, w) where it has one."""
+    """A frame in linear light, with its mask as alpha where it has one."""
 
-    colour: NDArray[np.float32]
-    mask: NDArray[np.float32] | None
+    picture: SourcePicture
     clips: bool
 
 
@@ -77,12 +74,16 @@ def compose(
     ------
     Bands of rows from top to bottom that partition the picture.
     """
-    table = tabulate(mosaic.camera, 1e-3)
-    lights = _LightCache(mosaic.camera, pixels_per_radian(mosaic.camera) / pixels_per_radian(surface))
+    lights = _LightCache(mosaic.camera)
+    geometries = {
+        frame.id: Geometry(mosaic.camera, surface, frame.camera_from_world, BORDER)
+        for frame in mosaic.registered
+        if frame.camera_from_world is not None
+    }
     width, height = surface.size
 
     def render(tile: Tile) -> NDArray[np.generic]:
-        light, alpha = _blended_tile(mosaic, table, lights, window_rays(surface, tile))
+        light, alpha = _blended_tile(mosaic, geometries, lights, surface, tile)
         return np.dstack([encoded_from_linear(light, dtype), _alpha(alpha, dtype)])
 
     across = math.ceil(width / TILE_PX)
@@ -97,8 +98,10 @@ def _alpha(coverage: NDArray[np.float32], dtype: type[np.generic]) -> NDArray[np
 
 
 def _blended_tile(
-    mosaic: Mosaic, table: RayTable, lights: _LightCache, rays: FloatArray
+    mosaic: Mosaic, geometries: Mapping[str, Geometry], lights: _LightCache, surface: Equirectangular, tile: Tile
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    rows, columns = tile
+    rays = surface.window_rays(columns, rows)
     blender = Feather(*rays.shape[:2])
     middle = rays[rays.shape[0] // 2, rays.shape[1] // 2]
     reach = float(np.arccos(np.clip((rays @ middle).min(), -1, 1)))
@@ -107,18 +110,22 @@ def _blended_tile(
         assert turn is not None
         if math.acos(float(np.clip(turn[2] @ middle, -1, 1))) > mosaic.camera.half_fov + reach:
             continue
-        pixels = table.project(rays, turn, np.float32)
+        around = slice(rows.start - 1, rows.stop + 1), slice(columns.start - 1, columns.stop + 1)
+        found = geometries[frame.id].positions(*around)
+        if found is None:
+            continue
+        pixels = np.stack([found.u[1:-1, 1:-1], found.v[1:-1, 1:-1]], -1, dtype=np.float32) - np.float32(BORDER)
         theta = np.arccos(np.clip(rays @ turn[2], -1, 1)).astype(np.float32)
         weight = frame_weight(mosaic.camera, theta, pixels)
-        pixels[weight == 0] = np.nan
-        if np.isnan(pixels).all():
+        if not weight.any():
             continue
         light = lights.of(frame)
-        colour = sample(light.colour, pixels, "cubic")
+        sampled = light.picture.sampled(found.u, found.v, CUBIC, weight.shape)
+        colour = sampled[..., :3]
         if light.clips:
             weight *= _trust(colour.max(-1))
-        if light.mask is not None:
-            weight = weight * (sample(light.mask, pixels, "linear") > 0.999)
+        if sampled.shape[-1] == 4:
+            weight = weight * (sampled[..., 3] > 0.999)
         s = (theta / mosaic.camera.half_fov) ** 2
         w1, w2 = mosaic.vignetting_ev
         gain = np.exp2(-(frame.exposure_ev + w1 * s + w2 * s**2), dtype=np.float32)
@@ -150,27 +157,11 @@ def _trust(brightest: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(1 - (1 - _CLIPPED_WEIGHT) * t * t * (3 - 2 * t), np.float32)
 
 
-def _filled(colour: NDArray[np.float32], seen: NDArray[np.float32], ratio: float) -> NDArray[np.float32]:
-    """The picture (h, w, 3) with the mean of what was seen nearby where nothing was `seen` (h, w).
-
-    So neither the smoothing for a panorama `ratio` times coarser nor the kernel brings in what lies there.
-    """
-    sigma = 1 + ratio
-    share = cv2.GaussianBlur(seen, (0, 0), sigma)[..., None]
-    nearby = cv2.GaussianBlur(colour * seen[..., None], (0, 0), sigma) / np.maximum(share, 1e-12)
-    return np.where(seen[..., None] > 0, colour, nearby)
-
-
 class _LightCache:
     """The frames' linear light, the latest used kept in memory; safe to ask from several threads."""
 
-    def __init__(self, camera: Camera, ratio: float) -> None:
-        self._ratio = ratio
-        rim_px = _RIM * float(camera.lens.slope(camera.half_fov - _RIM))
-        self._within: NDArray[np.float32] | None = None
-        if rim_px < 2 + 2 * ratio:  # else no kernel reaches beyond the image circle
-            circle = ImageCircle(camera.centre, camera.image_radius)
-            self._within = circle.covers(camera.size, camera.aspect).astype(np.float32)
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
         self._kept: OrderedDict[str, _Light] = OrderedDict()
         self._lock = threading.Lock()
         self._loading: dict[str, threading.Lock] = {}
@@ -187,19 +178,19 @@ class _LightCache:
             light = self._open(frame)
             with self._lock:
                 self._kept[frame.id] = light
-                while (
-                    len(self._kept) > 1 and sum(kept.colour.nbytes for kept in self._kept.values()) > FRAME_CACHE_BYTES
-                ):
+                while len(self._kept) > 1 and self._bytes() > FRAME_CACHE_BYTES:
                     self._kept.popitem(last=False)
             return light
+
+    def _bytes(self) -> int:
+        return sum(light.picture.bordered.nbytes for light in self._kept.values())
 
     def _open(self, frame: Frame) -> _Light:
         picture = frame.load()
         colour = linear_from_encoded(picture[..., :3])
         if colour.shape[2] == 1:
             colour = np.repeat(colour, 3, axis=2)
-        mask = (picture[..., 3] > 0).astype(np.float32) if picture.shape[2] == 4 else None
-        seen = [part for part in (mask, self._within) if part is not None]
-        if seen:
-            colour = _filled(colour, np.prod(seen, axis=0), self._ratio)
-        return _Light(smoothed(colour, self._ratio), mask, picture.dtype != np.float32)
+        if picture.shape[2] == 4:
+            colour = np.concatenate([colour, (picture[..., 3:] > 0).astype(np.float32)], axis=2)
+        samples = Samples(colour.dtype, colour.shape[2], linear_light=False)
+        return _Light(source_picture([(0, colour)], self._camera, samples), picture.dtype != np.float32)
