@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
 
 _T = TypeVar("_T")
+
+LOOK_UP_S = 0.25
+"""Seconds after which a thread that waits lets Python see to its signals."""
 
 
 class ClosedError(Exception):
@@ -31,7 +34,7 @@ class Channel(Generic[_T]):
     def give(self, item: _T) -> None:
         """Hand an item over, once there is room; ClosedError if the channel was closed."""
         with self._changed:
-            self._changed.wait_for(lambda: len(self._items) < self._room or self._closed)
+            self._wait_until(lambda: len(self._items) < self._room or self._closed)
             if self._closed:
                 raise self._error or ClosedError
             self._items.append(item)
@@ -62,7 +65,7 @@ class Channel(Generic[_T]):
         """The items, until the channel is ended."""
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._items or self._ended)
+                self._wait_until(lambda: bool(self._items) or self._ended)
                 if not self._items:
                     if self._error is not None:
                         raise self._error
@@ -70,3 +73,8 @@ class Channel(Generic[_T]):
                 item = self._items.popleft()
                 self._changed.notify_all()
             yield item
+
+    def _wait_until(self, ready: Callable[[], bool]) -> None:
+        """Wait, and look up now and then: a Ctrl-C that comes just before a wait begins does not end it by itself."""
+        while not ready():
+            self._changed.wait(LOOK_UP_S)

@@ -16,12 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from fullsphere.model.picture_file import PictureFile
     from fullsphere.model.remap import Band, Remapper
-
-    Pixels = NDArray[Any]
 
 UNDER_WAY = 3
 """Pictures in memory at a time: one that is read, one that is remapped, one that is written."""
@@ -206,7 +201,7 @@ def remap_one(job: Job, work: Work, watch: Callable[[Iterable[Band]], Iterable[B
             job.output, size, channels, file.dtype, noted, work.overwrite, icc_profile, work.compression
         ) as writer:
             seen = 0.0
-            for band in watch(work.remapper.bands(_source_of(file), BAND_ROWS)):
+            for band in watch(work.remapper.bands(file, BAND_ROWS)):
                 writer.write_rows(band.top, with_channels(band.pixels, band.weight, channels))
                 seen += float(band.weight.sum(dtype=float))
     return Outcome(job, seen / (size[0] * size[1]))
@@ -247,18 +242,3 @@ def remap_many(jobs: Sequence[Job], work: Work, threads: int | None) -> Iterator
 
 class _LeftError(Exception):
     """The run ends early: nobody waits for this picture any more."""
-
-
-def _source_of(file: PictureFile) -> Pixels:
-    """The pixels of a picture."""
-    import numpy as np
-
-    from fullsphere.model.resources import require_memory
-
-    width, height = file.size
-    count = width * height * file.channels * file.dtype.itemsize
-    require_memory(count, f"{file.path}:", "scale the picture down")
-    pixels = np.empty((height, width, file.channels), file.dtype)
-    for top, strip in file.strips():
-        pixels[top : top + len(strip)] = strip
-    return pixels

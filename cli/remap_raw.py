@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from fullsphere.cli.channel import Channel, ClosedError
+from fullsphere.cli.channel import LOOK_UP_S, Channel, ClosedError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -81,7 +81,8 @@ def remap_frames(
         except InputError as error:  # the frames before it are on their way
             fault = error
         outbox.end()
-        writing.join()
+        while writing.is_alive():
+            writing.join(LOOK_UP_S)
         outbox.check()
     if fault is not None:
         raise fault

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
 import math
 import re
@@ -226,6 +227,17 @@ def test_a_scaled_and_a_cropped_picture_keep_their_calibration(room_set: Set, fu
     assert "320 x 320" in other.error_line
     assert "640 x 640" in other.error_line
     assert "--scale 0.5" in other.error_line
+
+
+def test_a_large_picture_is_read_by_region_with_the_same_result(
+    room_set: Set, fullsphere: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frame = save(tmp_path / "frame.tif", read_picture(room_set.frames[0]).pixels)
+    common = ("remap", frame, "--from", room_set.camera_file, "--to", "equirectangular:600")
+    assert fullsphere(*common, "-o", tmp_path / "whole.tif").code == 0
+    monkeypatch.setattr(importlib.import_module("fullsphere.model.remap"), "available_memory", lambda: 0)
+    assert fullsphere(*common, "-o", tmp_path / "regions.tif").code == 0
+    assert (tmp_path / "whole.tif").read_bytes() == (tmp_path / "regions.tif").read_bytes()
 
 
 # --- many pictures --------------------------------------------------------------------------------------------------
