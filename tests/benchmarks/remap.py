@@ -20,7 +20,6 @@ from remap_table import Row, note, print_table
 
 from fullsphere.model.workers import thread_pool
 
-
 PARTS = (*SPEED_PARTS, "accuracy", "gigapixel")
 
 

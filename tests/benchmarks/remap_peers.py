@@ -120,7 +120,7 @@ def scipy_remap(frame: Pixels, job: Job) -> Pixels:
 
 def ffmpeg_remap(ffmpeg: str, frame: Pixels, job: Job, interpolation: str) -> Pixels:
     """One frame through v360, in planes, which is what the filter works in."""
-    command = [*_ffmpeg_input(ffmpeg, job, frame.dtype, "-"), "-vf", _v360(job, interpolation)]
+    command = [*_ffmpeg_input(ffmpeg, job, _planar(frame.dtype), "-"), "-vf", _v360(job, interpolation)]
     command += ["-f", "rawvideo", "-pix_fmt", _planar(frame.dtype), "-"]
     done = subprocess.run(command, input=_planes(frame), capture_output=True, check=True)
     width, height = job.target.size
@@ -128,22 +128,26 @@ def ffmpeg_remap(ffmpeg: str, frame: Pixels, job: Job, interpolation: str) -> Pi
     return np.stack([red, green, blue], -1)
 
 
-def ffmpeg_seconds_per_frame(ffmpeg: str, raw: Path, job: Job, interpolation: str = "linear", frames: int = 4) -> float:
-    """Seconds a frame in steady state: the time of 3 N frames less that of N, over 2 N.
+def ffmpeg_seconds_per_frame(ffmpeg: str, raw: Path, job: Job, layout: str, frames: int = 9) -> float:
+    """Seconds a frame in steady state, linear: from when the first frame is done to the last one, start-up left out.
 
-    The frames, uint8 in planes, come from a file that holds one and is read over and over.
+    `layout` is of the frames, in and out: "gbrp", planes, which is what the filter works in, or "rgb24", as most files
+    and pipes have it.  They come from a file that holds one frame and is read over and over.
     """
-
-    def seconds(count: int) -> float:
-        command = _ffmpeg_input(ffmpeg, job, np.dtype(np.uint8), str(raw), loop=True)
-        command += ["-vf", _v360(job, interpolation), "-frames:v", str(count), "-f", "null", "-"]
-        return timed(command)
-
-    return (seconds(3 * frames) - seconds(frames)) / (2 * frames)
+    command = _ffmpeg_input(ffmpeg, job, layout, str(raw), loop=True)
+    command[command.index("error")] = "info"  # at which the filter showinfo says that a frame is done
+    command += ["-vf", f"{_v360(job, 'linear')},format={layout},showinfo=checksum=0"]
+    command += ["-frames:v", str(frames), "-f", "null", "-"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        lines = process.stderr or ()
+        done = [time.perf_counter() for line in lines if "showinfo" in line and " pts_time:" in line]
+    if process.returncode or len(done) != frames:
+        raise SystemExit(f"ffmpeg: {len(done)} of {frames} frames done, exit code {process.returncode}")
+    return (done[-1] - done[0]) / (frames - 1)
 
 
 def write_planes(path: Path, frame: Pixels) -> None:
-    """One frame as `ffmpeg_seconds_per_frame` reads it."""
+    """One frame in planes, as `ffmpeg_seconds_per_frame` reads it with the layout "gbrp"."""
     path.write_bytes(_planes(frame))
 
 
@@ -155,9 +159,9 @@ def _planar(dtype: np.dtype[Any]) -> str:
     return "gbrp" if dtype == np.uint8 else "gbrp16le"
 
 
-def _ffmpeg_input(ffmpeg: str, job: Job, dtype: np.dtype[Any], source: str, loop: bool = False) -> list[str]:
+def _ffmpeg_input(ffmpeg: str, job: Job, layout: str, source: str, loop: bool = False) -> list[str]:
     command = [ffmpeg, "-nostdin", "-v", "error", *(["-stream_loop", "-1"] if loop else []), "-f", "rawvideo"]
-    return [*command, "-pix_fmt", _planar(dtype), "-s", f"{job.side}x{job.side}", "-i", source]
+    return [*command, "-pix_fmt", layout, "-s", f"{job.side}x{job.side}", "-i", source]
 
 
 def _v360(job: Job, interpolation: str) -> str:

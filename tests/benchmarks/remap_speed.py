@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,8 @@ def speed_rows(
 
 def _steady(frame: Pixels, job: Job, programs: Programs, runs: int, executor: Executor, folder: Path) -> list[Row]:
     """One frame after another in one process."""
-    write_planes(folder / "in.raw", frame)
+    write_planes(folder / "in.gbrp", frame)
+    (folder / "in.rgb24").write_bytes(frame.tobytes())
     bare = BareCv2(job)
     keeping = Remapper(job.camera, job.target, None, "linear", kept_bytes=KEPT_BYTES, executor=executor)
     jobs: dict[str, Callable[[], float | None]] = {
@@ -75,23 +77,25 @@ def _steady(frame: Pixels, job: Job, programs: Programs, runs: int, executor: Ex
         "fly": lambda: _discarded(remap(frame, job.camera, job.target, None, "linear", executor)),
         "kept": lambda: _discarded(keeping(frame)),
     }
-    if programs.ffmpeg:
-        ffmpeg = programs.ffmpeg
-        jobs["ffmpeg"] = lambda: ffmpeg_seconds_per_frame(ffmpeg, folder / "in.raw", job)
+    layouts = ("gbrp", "rgb24") if programs.ffmpeg else ()
+    for layout in layouts:
+        jobs[layout] = partial(ffmpeg_seconds_per_frame, programs.ffmpeg or "", folder / f"in.{layout}", job, layout)
     seconds = alternating(runs, jobs)
     fly, kept = "linear, geometry on the fly", "linear, geometry kept"
     rows = [
         seconds_row(f"{fly} / cv2.remap, maps ready", seconds["fly"], seconds["cv2"], 1.0),
         seconds_row(f"{kept} / cv2.remap, maps ready", seconds["kept"], seconds["cv2"], 0.75),
     ]
-    measure = "ffmpeg v360, a frame in steady state"
-    if programs.ffmpeg is None:
-        return [*rows, absent_row(f"{fly} / {measure}", "ffmpeg")]
-    return [
-        *rows,
-        seconds_row(f"{fly} / {measure}", seconds["fly"], seconds["ffmpeg"], 0.45),
-        seconds_row(f"{kept} / {measure}", seconds["kept"], seconds["ffmpeg"], None),
-    ]
+    if not layouts:
+        return [*rows, absent_row(f"{fly} / ffmpeg v360", "ffmpeg")]
+    for layout in layouts:
+        rows += [
+            seconds_row(
+                f"{way} / ffmpeg v360, {layout}, a frame in steady state", seconds[name], seconds[layout], limit
+            )
+            for way, name, limit in ((fly, "fly", 0.45), (kept, "kept", None))
+        ]
+    return rows
 
 
 def _first_frame(frame: Pixels, job: Job, programs: Programs, runs: int, folder: Path) -> list[Row]:

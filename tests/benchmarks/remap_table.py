@@ -1,5 +1,6 @@
 """The one table of the remapping benchmarks: rows that are judged against a limit, and rows for information."""
 
+import os
 import statistics
 import sys
 import time
@@ -60,18 +61,22 @@ def print_table(rows: Sequence[Row]) -> None:
 def alternating(runs: int, jobs: Mapping[str, Callable[[], float | None]]) -> dict[str, float]:
     """Medians of the seconds of each job, which take turns; a first turn of all is not counted.
 
-    A job that answers seconds has measured itself; for others the call is timed.
+    A job that answers seconds has measured itself; for others the call is timed.  What is said on stderr beside the
+    medians, the range and the processors' time, tells whether something else kept the machine busy.
     """
-    note(f"speed: {runs} runs of {', '.join(jobs)}")
     seconds: dict[str, list[float]] = {name: [] for name in jobs}
+    busy: dict[str, list[float]] = {name: [] for name in jobs}
+    note(f"speed: {runs} runs of {', '.join(jobs)}")
     for run in range(runs + 1):
         for name, job in jobs.items():
-            started = time.perf_counter()
+            started, busy_before = time.perf_counter(), sum(os.times()[:4])
             measured = job()
             if run:
                 seconds[name].append(time.perf_counter() - started if measured is None else measured)
+                busy[name].append(sum(os.times()[:4]) - busy_before)
     for name, values in seconds.items():
-        note(f"  {name}: {min(values):.4f} to {max(values):.4f} s, median {statistics.median(values):.4f}")
+        median, cpu = statistics.median(values), statistics.median(busy[name])
+        note(f"  {name}: median {median:.4f} s, {min(values):.4f} to {max(values):.4f}; processors {cpu:.2f} s a call")
     return {name: statistics.median(values) for name, values in seconds.items()}
 
 
