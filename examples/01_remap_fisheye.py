@@ -1,9 +1,10 @@
-"""Turns one fisheye frame into a full-sphere picture, and says how much of the sphere it saw.
+"""Turns one fisheye frame into a full-sphere picture and into views, and says how much of the sphere it saw.
 
     python 01_remap_fisheye.py [FOLDER]
 
 A camera is a lens, a picture size, a centre and a field of view.  Any picture is resampled from its own projection
-into another one; the weight that comes with the pixels says where the source saw anything at all.
+into another one, with a rotation where the two look in different directions; the weight that comes with the pixels says
+where the source saw anything at all.
 """
 
 import math
@@ -13,8 +14,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from fullsphere.model import BaksteinPajdla, Camera, Equirectangular, remap, tabulate
+from fullsphere.model import BaksteinPajdla, Camera, Equirectangular, Perspective, remap, tabulate
 from fullsphere.mosaic.worlds import environment, furnished_room, photograph
 
 
@@ -33,7 +35,7 @@ def main(folder: Path) -> None:
     latitude = np.radians(90 - 180 * (np.arange(800) + 0.5) / 800)
     covered = np.average(weight.mean(axis=1), weights=np.cos(latitude))
     print(
-        f"field of view {2 * math.degrees(half_fov):.1f} degrees, image circle {lens.radius(half_fov):.0f} px in radius"
+        f"field of view {2 * math.degrees(half_fov):.1f} degrees, image circle {camera.image_radius:.0f} px in radius"
     )
     print(f"table of the lens: at most {tabulate(camera).error_px:.1e} px from the exact camera")
     print(f"sphere covered: {100 * covered:.2f} %, expected {50 * (1 - math.cos(half_fov)):.2f} %")
@@ -41,7 +43,12 @@ def main(folder: Path) -> None:
     difference = np.abs(back.astype(float) - frame)[inside & (seen > 0)]
     print(f"there and back again: pixels change by {difference.mean():.2f} of 255 on average")
 
-    for name, picture in (("fisheye.png", frame), ("sphere.png", panorama)):
+    to_the_right = Rotation.from_euler("YXZ", [40, 5, 0], degrees=True).as_matrix()  # world_from_view: yaw, pitch, roll
+    view = Camera(Perspective(f=400), size=(640, 480), centre=(319.5, 239.5), half_fov=math.radians(50))
+    ordinary, seen = remap(frame, camera, view, to_the_right.T, "lanczos3")
+    print(f"an ordinary view to the right: {100 * seen.mean():.0f} % of it seen")
+
+    for name, picture in (("fisheye.png", frame), ("sphere.png", panorama), ("view.png", ordinary)):
         cv2.imwrite(str(folder / name), picture[..., ::-1])
         print(folder / name)
 
