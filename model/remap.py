@@ -78,11 +78,12 @@ def remap(
     target_from_source
         Rotation (3, 3) that takes rays of the source's frame into the target's; none by default.
     interpolation
-        "nearest", "linear", "cubic" (Keys 1981, slope -1/2) or "lanczos3".
+        "nearest", "linear", "cubic" (Keys 1981, slope -0.6) or "lanczos3".
     executor
         Where tiles are computed side by side.
     antialias
-        Average over the footprint of target pixels that are larger than source pixels.
+        Take pixels for averages over their squares: where those of the target are the larger, average over their
+        footprint; where they are smaller, "cubic" and "lanczos3" restore the contrast that the source's took away.
     linear_light
         Average integer samples, which are sRGB codes, in linear light instead of by their codes.
 
