@@ -22,8 +22,7 @@ from fullsphere.mosaic.worlds import environment, furnished_room, photograph
 
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    half_fov = math.radians(91.5)
-    lens = BaksteinPajdla(a=306.0, b=2.11, c=95.5, d=1.13)
+    lens, half_fov = BaksteinPajdla(a=306.0, b=2.11, c=95.5, d=1.13), math.radians(91.5)
     camera = Camera(lens, size=(800, 800), centre=(401.5, 397.0), half_fov=half_fov)
     room = environment(furnished_room(seed=1, texel_mm=8), face_px=400)
     frame = photograph(room, camera, np.eye(3))
@@ -32,11 +31,9 @@ def main(folder: Path) -> None:
     panorama, weight = remap(frame, camera, sphere)
     back, seen = remap(panorama, sphere, camera)
 
-    latitude = np.radians(90 - 180 * (np.arange(800) + 0.5) / 800)
-    covered = np.average(weight.mean(axis=1), weights=np.cos(latitude))
-    print(
-        f"field of view {2 * math.degrees(half_fov):.1f} degrees, image circle {camera.image_radius:.0f} px in radius"
-    )
+    cosines = np.sin(math.pi * (np.arange(800) + 0.5) / 800)  # of the rows' latitudes: how much sphere they show
+    covered = np.average(weight.mean(axis=1), weights=cosines)
+    print(f"image circle of {2 * math.degrees(half_fov):.1f} degrees: {camera.image_radius:.0f} px in radius")
     print(f"table of the lens: at most {tabulate(camera).error_px:.1e} px from the exact camera")
     print(f"sphere covered: {100 * covered:.2f} %, expected {50 * (1 - math.cos(half_fov)):.2f} %")
     inside = camera.unproject(np.stack(np.meshgrid(np.arange(800), np.arange(800)), -1))[..., 2] > 0
