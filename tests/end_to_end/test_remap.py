@@ -115,6 +115,30 @@ def test_the_same_turn_on_both_sides_changes_nothing(fullsphere: Run, tmp_path: 
 
 
 @pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (("--interpolation", "nearest"), {"interpolation": "nearest"}),
+        (("--interpolation", "linear"), {"interpolation": "linear"}),
+        (("--interpolation", "lanczos3"), {"interpolation": "lanczos3"}),
+        (("--no-antialias",), {"antialias": False}),
+        (("--linear-light",), {"linear_light": True}),
+    ],
+)
+def test_the_options_of_sampling_are_those_of_the_library(
+    fullsphere: Run, tmp_path: Path, options: tuple[str, ...], named: dict[str, Any]
+) -> None:
+    noise = np.random.default_rng(5).integers(0, 256, (64, 128, 3), np.uint8)
+    picture = save(tmp_path / "in.png", noise)
+    common = ("--from", "equirectangular:128", "--to", "equirectangular:48:yaw=11", "-o", tmp_path / "o.png")
+    assert fullsphere("remap", picture, *common, *options).code == 0
+    written = read_picture(tmp_path / "o.png").pixels[..., :3]
+    target = parse_projection("equirectangular:48:yaw=11")
+    way = (parse_projection("equirectangular:128").projection, target.projection, target.world_from_projection.T)
+    assert np.array_equal(written, remap(noise, *way, **named)[0])
+    assert not np.array_equal(written, remap(noise, *way)[0])
+
+
+@pytest.mark.parametrize(
     ("ending", "dtype", "channels", "written"),
     [
         ("tif", np.uint8, 1, 2),
