@@ -151,6 +151,8 @@ def outputs_of(jobs: Sequence[Job], overwrite: bool, make_folder: bool) -> Itera
     folder = jobs[0].output.parent
     made = make_folder and not folder.exists()
     if made:
+        if not folder.parent.is_dir():
+            raise OutputError(f"{folder}: the folder {folder.parent} does not exist; make it first")
         with output_errors(folder):
             folder.mkdir()
     try:

@@ -94,7 +94,10 @@ def test_the_folder_of_several_is_made_and_taken_away_again_if_nothing_came(tmp_
 
 def test_a_folder_in_no_folder_is_not_made(tmp_path: Path) -> None:
     jobs = jobs_of(tmp_path, tmp_path / "no" / "out", "ab")
-    with pytest.raises(OutputError, match="cannot be written"), outputs_of(jobs, overwrite=False, make_folder=True):
+    with (
+        pytest.raises(OutputError, match="does not exist; make it first"),
+        outputs_of(jobs, overwrite=False, make_folder=True),
+    ):
         pass
 
 
