@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fullsphere.model.camera import MAX_SIDE_PX, Camera, Projection
 from fullsphere.model.cube_map import LAYOUTS, CubeMap
@@ -148,6 +147,10 @@ def _rotation(options: _Options, pitch: float = 0.0) -> FloatArray:
         pitch if up is None else _number("pitch", up),
         0.0 if roll is None else _number("roll", roll),
     ]
+    if not any(angles):
+        return np.eye(3)
+    from scipy.spatial.transform import Rotation  # its import takes as long as all the rest of a start
+
     return np.asarray(Rotation.from_euler("YXZ", angles, degrees=True).as_matrix())
 
 

@@ -24,7 +24,6 @@ from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.picture_file import PictureFile
 from fullsphere.model.positions import Geometry, Positions
-from fullsphere.model.resources import available_memory
 from fullsphere.model.source_picture import BORDER, Samples, SourcePicture, bytes_when_ready, source_picture
 from fullsphere.model.source_windows import WindowedPicture
 from fullsphere.model.surface import Equirectangular
@@ -41,7 +40,7 @@ TILE_PX = 512
 
 _ROWS, _COLUMNS = 64, 512  # of the tiles in here: positions and the part of the source that they need stay in the cache
 _GUTTER = 16  # pixels of its neighbours around each face of a cube: footprints and kernels reach over its edges
-_WHOLE_SHARE = 0.5  # of the memory there is, that a picture file may take to be read whole
+_WHOLE_BYTES = 2 << 30  # that a picture file may take to be read whole; not by what is free, or bytes would differ
 _KINDS = dict(zip(INTERPOLATIONS, (kernels.NEAREST, kernels.LINEAR, kernels.CUBIC, kernels.LANCZOS3), strict=True))
 
 Tile = tuple[slice, slice]
@@ -154,7 +153,7 @@ class Remapper:
     def __call__(self, image: NDArray[Any] | PictureFile) -> tuple[NDArray[Any], NDArray[np.float32]]:
         """The whole target's pixels and weight, as `remap` gives them.
 
-        A picture file larger than half of the memory there is, when it is made ready, is read by region.
+        A picture file that takes more than 2 GiB when it is made ready is read by region.
         """
         picture = self._made_ready(image)
         width, height = self.target.size
@@ -206,8 +205,7 @@ class Remapper:
             image, _ = self.source.with_gutters(whole, self._read.gutter)
         if not isinstance(image, PictureFile):
             return source_picture([(0, image.reshape(*image.shape[:2], channels))], self._read, samples)
-        available = available_memory()
-        if available is not None and bytes_when_ready(size, samples) > _WHOLE_SHARE * available:
+        if bytes_when_ready(size, samples) > _WHOLE_BYTES:
             return WindowedPicture(image, self.source, samples)
         return source_picture(image.strips(), self.source, samples)
 

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from fullsphere.model import kernels
 from fullsphere.model.camera import Camera
@@ -80,6 +79,8 @@ def _refined(
 
 def _pieces(x: FloatArray, y: FloatArray) -> FloatArray:
     """The cubic spline through (x, y), uniform x, as Horner rows over t in [0, 1] of each cell: (cells, 4)."""
+    from scipy.interpolate import CubicSpline  # its import takes as long as all the rest of a start
+
     step = (x[-1] - x[0]) / (x.size - 1)
     return np.ascontiguousarray(CubicSpline(x, y).c[::-1].T * step ** np.arange(4))
 
