@@ -18,6 +18,7 @@ from fullsphere.model.table import RayTable, tabulate
 _TOLERANCE_PX = 2e-4  # of the table that positions in float32 are read from
 _CELLS, _MOST_CELLS = 2048, 32768
 _FINE_SIDE_PX = 8192  # float32 places a pixel in a longer side to less than 1/2000 px: reckoned in float64 there
+_MARGIN = 1.01  # of a bound that was sampled
 _ON_AXIS = 1e-7  # radians: below it r/sin(theta) is r'(0) to the last bit
 
 
@@ -26,6 +27,13 @@ class Positions(NamedTuple):
 
     u: NDArray[np.floating[Any]]
     v: NDArray[np.floating[Any]]
+    all_seen: bool
+
+    @property
+    def inner(self) -> Positions:
+        """Without the outermost pixels."""
+        u, v = (np.ascontiguousarray(part[1:-1, 1:-1]) for part in (self.u, self.v))
+        return Positions(u, v, self.all_seen)
 
 
 class Geometry:
@@ -90,7 +98,15 @@ class Geometry:
             rays = self._fast_target.window_rays(columns, rows)
             pixels = self._fast_source.project(rays, self._turn)
             inside = kernels.split_inside(pixels, self._offset, self._bounds, u, v)
-        return Positions(u, v) if inside else None
+        return Positions(u, v, inside == u.size) if inside else None
+
+    @property
+    def largest_step(self) -> float:
+        """An upper bound of the source pixels between neighbours of the target, infinite where it is not known."""
+        camera = self.source.camera if isinstance(self.source, RayTable) else self.source
+        if not (isinstance(camera, Camera) and isinstance(self.target, SeparableSurface)):
+            return math.inf
+        return _most_pixels_per_radian(camera) * _widest_step(self.target)
 
 
 def fast(projection: Projection) -> FastProjection:
@@ -148,6 +164,24 @@ def _pairs(camera: Camera, real: type) -> NDArray[Any] | None:
             return np.stack([nodes[:-1], np.diff(nodes)], -1).astype(real).ravel()
         cells *= 2
     return None
+
+
+def _most_pixels_per_radian(camera: Camera) -> float:
+    """The larger of r' and r/sin(theta), wherever it is largest."""
+    theta = np.linspace(0.0, camera.half_fov, 1001)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tangential = np.where(theta > _ON_AXIS, camera.lens.radius(theta) / np.sin(theta), 0.0)
+    slope = camera.lens.slope(theta)
+    most = float(np.max(np.where(np.isfinite(tangential), np.maximum(tangential, slope), np.inf)))
+    return _MARGIN * most * max(1.0, camera.aspect)
+
+
+def _widest_step(surface: SeparableSurface) -> float:
+    """The largest angle between neighbours across or down, radians."""
+    left, right = surface.longitudes
+    horizontal, vertical = surface.row_profile(slice(0, surface.size[1])).T
+    down = np.hypot(np.diff(horizontal), np.diff(vertical)).max(initial=0.0)
+    return max(float(np.abs(horizontal).max()) * (right - left) / surface.size[0], float(down))
 
 
 def _radius_over_sine(lens: Lens, z: FloatArray, limit: float) -> FloatArray:

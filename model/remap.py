@@ -109,7 +109,9 @@ def remap(
         linear_light=linear_light,
         executor=executor,
     )
-    return remapper(image)
+    result, weight = remapper(image)
+    weight.flags.writeable = True
+    return result, weight
 
 
 class Remapper:
@@ -145,27 +147,34 @@ class Remapper:
         if isinstance(source, CubeMap) and self._kind != kernels.NEAREST and not source.gutter:
             self._read = dataclasses.replace(source, gutter=min(_GUTTER, source.side))
         self._geometry = Geometry(self._read, target, turn, BORDER)
-        self._halo = 1 if antialias and self._kind != kernels.NEAREST else 0
+        averages = self._kind > kernels.LINEAR or self._geometry.largest_step > kernels.SHARP_PX
+        self._halo = int(antialias and averages and self._kind != kernels.NEAREST)
         self._linear_light, self._executor = linear_light, executor
-        self._kept: dict[tuple[int, int], Positions | None] = {}
+        self._kept: dict[tuple[int, int, int], Positions | None] = {}
+        self._weight: NDArray[np.float32] | None = None
         self._room, self._lock = kept_bytes, threading.Lock()
 
     def __call__(self, image: NDArray[Any] | PictureFile) -> tuple[NDArray[Any], NDArray[np.float32]]:
         """The whole target's pixels and weight, as `remap` gives them.
 
-        A picture file that takes more than 2 GiB when it is made ready is read by region.
+        A picture file that takes more than 2 GiB when it is made ready is read by region.  The weight is the same
+        array for every frame, and not to be written to.
         """
         picture = self._made_ready(image)
         width, height = self.target.size
         result = np.zeros((height, width, picture.samples.channels), image.dtype)
-        weight = np.zeros((height, width), np.float32)
+        weight = np.zeros((height, width), np.float32) if self._weight is None else None
 
         def fill(rows: slice) -> None:
-            self._fill(picture, rows, result[rows], weight[rows])
+            self._fill(picture, rows, result[rows], None if weight is None else weight[rows])
 
         for _ in ordered_map(self._executor, fill, _rows_of(height)):
             pass
-        return result.reshape(height, width, *_channels_of(image)), weight
+        if weight is not None:
+            weight.flags.writeable = False
+            self._weight = weight
+        assert self._weight is not None
+        return result.reshape(height, width, *_channels_of(image)), self._weight
 
     def bands(self, image: NDArray[Any] | PictureFile, rows: int = _ROWS) -> Iterator[Band]:
         """The target in bands of `rows` rows from the top, for a file that is written as it is computed.
@@ -210,31 +219,38 @@ class Remapper:
         return source_picture(image.strips(), self.source, samples)
 
     def _fill(
-        self, picture: SourcePicture | WindowedPicture, rows: slice, pixels: NDArray[Any], weight: NDArray[np.float32]
+        self,
+        picture: SourcePicture | WindowedPicture,
+        rows: slice,
+        pixels: NDArray[Any],
+        weight: NDArray[np.float32] | None,
     ) -> None:
         """Compute rows of the target into `pixels` and `weight`, which are zero."""
         for top in range(rows.start, rows.stop, _ROWS):
             bottom = min(top + _ROWS, rows.stop)
+            here = slice(top - rows.start, bottom - rows.start)
             for left in range(0, self.target.size[0], _COLUMNS):
                 columns = slice(left, min(left + _COLUMNS, self.target.size[0]))
                 found = self._positions(slice(top, bottom), columns)
                 if found is None:
                     continue
-                here = slice(top - rows.start, bottom - rows.start)
-                shape = (bottom - top, columns.stop - columns.start)
-                pixels[here, columns] = picture.sampled(found.u, found.v, self._kind, shape)
-                middle = found.u[self._halo : self._halo + shape[0], self._halo : self._halo + shape[1]]
-                weight[here, columns] = middle == middle
+                picture.sample_into(found.u, found.v, self._kind, pixels[here], columns)
+                if weight is not None and found.all_seen:
+                    weight[here, columns] = 1
+                elif weight is not None:
+                    kernels.mark_seen(found.u, columns.start, columns.stop - columns.start, weight[here])
 
     def _positions(self, rows: slice, columns: slice) -> Positions | None:
-        """Positions of a tile and, for footprints, of the pixels around it; kept where there is room."""
-        place = (rows.start, columns.start)
+        """Positions of a tile and, where pixels are averages, of those around it; kept where there is room."""
+        place = (rows.start, rows.stop, columns.start)
         if place in self._kept:
             return self._kept[place]
         halo = self._halo
         found = self._geometry.positions(
             slice(rows.start - halo, rows.stop + halo), slice(columns.start - halo, columns.stop + halo)
         )
+        if found is not None and halo and self._kind == kernels.LINEAR and not kernels.some_are_large(found.u, found.v):
+            found = found.inner
         needed = 0 if found is None else found.u.nbytes + found.v.nbytes
         with self._lock:
             keeps = needed <= self._room

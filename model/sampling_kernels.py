@@ -15,6 +15,9 @@ NEAREST, LINEAR, CUBIC, LANCZOS3 = 0, 1, 2, 3
 TAPS = (1, 2, 4, 6)
 """Taps along a side of each kernel."""
 
+SHARP_PX = 1.2
+"""A footprint of fewer source pixels is not averaged."""
+
 _CHUNK = 256  # a chunk and its weights stay in the innermost cache
 _MOST = 64  # samples along a side of one pixel's footprint
 
@@ -24,20 +27,27 @@ _THIRD_TURN = np.float32(np.sqrt(0.75))  # sin of 120 degrees
 # Taylor series of sin(y)/y and cos(y) in y^2, exact to rounding in float32 for |y| <= pi/3
 _S1, _S2, _S3, _S4, _S5 = (np.float32(s) for s in (-1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800))
 _C1, _C2, _C3, _C4, _C5 = (np.float32(c) for c in (-1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800))
-_SHARP = np.float32(1.2**2)  # a footprint of less than 1.2 source pixels is not averaged
+_SHARP = np.float32(SHARP_PX**2)
 _SLOPE = np.float32(-0.6)
 _PI = np.float32(np.pi)
 _SHARE = np.float32(1 / 24)
+_APART, _MUCH = 8, 4.0  # of positions looked at for where they are; source pixels for one of the target's
 _TINY = np.float32(1e-9)  # at a distance of zero the other taps are nothing beside the one there
 
 
 @compiled
 def _split(u: np.ndarray, v: np.ndarray, stride: int, shift: int, first: np.ndarray, fraction: np.ndarray) -> None:
-    """The texel `first` (n,) of each position's taps, which start `shift` before it, and the fractions (2 chunks)."""
+    """The texel `first` (n,) of each position's taps, which start `shift` before it, and the fractions (2 chunks).
+
+    A position that is NaN reads from the corner of the picture; what is read there is not used.
+    """
+    corner = u.dtype.type(shift)
     for k in range(u.shape[0]):
-        x, y = np.int32(u[k]), np.int32(v[k])  # positions are positive: truncation is the floor
-        fraction[k] = u[k] - u.dtype.type(x)
-        fraction[_CHUNK + k] = v[k] - v.dtype.type(y)
+        inside = u[k] == u[k]
+        p, q = u[k] if inside else corner, v[k] if inside else corner
+        x, y = np.int32(p), np.int32(q)  # positions are positive: truncation is the floor
+        fraction[k] = p - u.dtype.type(x)
+        fraction[_CHUNK + k] = q - u.dtype.type(y)
         first[k] = np.uint32(y - shift) * np.uint32(stride) + np.uint32(x - shift)
 
 
@@ -273,6 +283,8 @@ def sample_tile(
     v: np.ndarray,
     limits: np.ndarray,
     top: float,
+    left: int,
+    width: int,
     out: np.ndarray,
 ) -> None:
     """Values of a picture at the positions of a rectangle of a target's pixels.
@@ -295,34 +307,38 @@ def sample_tile(
         number where the edges do not meet; the longest step that is no jump.  Of the positions' type.
     top
         The largest code of an integer type, to which values are clipped; zero for floating point.
+    left, width
+        The rectangle's columns in `out`.
     out
-        (h, w, c) is written, c at most `channels`; zero where the position is NaN.
+        (h, W, c) rows of the target of which the columns are written, c at most `channels`; zero where the position
+        is NaN.
     """
-    height, width = out.shape[:2]
+    height = out.shape[0]
     halo = (u.shape[0] - height) // 2
     scratch = _scratch()
     sums = np.zeros(4 * _CHUNK, np.float32)
-    at_u, at_v = np.zeros(_CHUNK, u.dtype), np.zeros(_CHUNK, u.dtype)
-    elsewhere = u.dtype.type(kind)
+    if texels.size > 0:
+        scratch[5][0] = np.uint32(_fetched(texels, stride, 1, u, v))
+    else:
+        scratch[6][0] = np.float32(_fetched(values, stride, channels, u, v))
     for j in range(height):
         for start in range(0, width, _CHUNK):
             count = min(_CHUNK, width - start)
             part_u = u[j + halo, start + halo : start + halo + count]
             part_v = v[j + halo, start + halo : start + halo + count]
-            row = out[j, start : start + count]
+            row = out[j, left + start : left + start + count]
+            seen = 0
+            for k in range(count):
+                seen += np.int32(part_u[k] == part_u[k])
+            if seen == 0:
+                row[:] = 0
+                continue
             if kind == NEAREST:
                 _nearest(texels, values, stride, channels, part_u, part_v, row)
                 continue
-            seen = 0
-            for k in range(count):
-                inside = part_u[k] == part_u[k]
-                seen += np.int32(inside)
-                at_u[k] = part_u[k] if inside else elsewhere
-                at_v[k] = part_v[k] if inside else elsewhere
-            if seen > 0:
-                if halo == 1 and kind >= CUBIC:
-                    _mark_finer(u, v, j, start, count, limits, scratch[7])
-                _sums(texels, values, stride, channels, kind, at_u[:count], at_v[:count], scratch, sums)
+            if halo == 1 and kind >= CUBIC:
+                _mark_finer(u, v, j, start, count, limits, scratch[7])
+            _sums(texels, values, stride, channels, kind, part_u, part_v, scratch, sums)
             if texels.size > 0:
                 _pack(sums, part_u, scratch[5], count)
                 _unpack(scratch[5], row)
@@ -332,7 +348,55 @@ def sample_tile(
                     value = _store(sums[channel * _CHUNK + k], top)
                     row[k, channel] = value if part_u[k] == part_u[k] else np.float32(0)
     if halo == 1 and kind != NEAREST:
-        _average(texels, values, stride, channels, kind, u, v, limits, top, out, scratch, sums)
+        _average(texels, values, stride, channels, kind, u, v, limits, top, out[:, left : left + width], scratch, sums)
+
+
+@compiled
+def mark_seen(u: np.ndarray, left: int, width: int, weight: np.ndarray) -> None:
+    """1 where a position is not NaN, else 0, in columns of `weight` (h, W); u (h, w), or a pixel more all around."""
+    halo = (u.shape[0] - weight.shape[0]) // 2
+    for j in range(weight.shape[0]):
+        places, marks = u[j + halo, halo : halo + width], weight[j, left : left + width]
+        for k in range(width):
+            marks[k] = _ONE if places[k] == places[k] else np.float32(0)
+
+
+@compiled
+def some_are_large(u: np.ndarray, v: np.ndarray) -> bool:
+    """Whether any two neighbours of positions (h, w) may be so far apart that a pixel is averaged; no if not."""
+    found = 0
+    for j in range(u.shape[0] - 1):
+        above_u, above_v, below_u, below_v = u[j], v[j], u[j + 1], v[j + 1]
+        for i in range(u.shape[1] - 1):
+            du, dv = above_u[i + 1] - above_u[i], above_v[i + 1] - above_v[i]
+            eu, ev = below_u[i] - above_u[i], below_v[i] - above_v[i]
+            found += np.int32((du * du + dv * dv > _SHARP) | (eu * eu + ev * ev > _SHARP))
+        if found > 0:
+            return True
+    return False
+
+
+@compiled
+def _fetched(samples: np.ndarray, stride: int, channels: int, u: np.ndarray, v: np.ndarray) -> float:
+    """Read the part of the picture that the positions are in, a row after the other; what comes back means nothing.
+
+    Processors fetch ahead along rows, but not along the bent paths that positions take: this brings the part into the
+    cache at a fraction of the time.
+    """
+    u0, v0, u1, v1 = np.inf, np.inf, -np.inf, -np.inf
+    for j in range(0, u.shape[0], _APART):
+        for i in range(0, u.shape[1], _APART):
+            if u[j, i] == u[j, i]:
+                u0, u1 = min(u0, u[j, i]), max(u1, u[j, i])
+                v0, v1 = min(v0, v[j, i]), max(v1, v[j, i])
+    total = samples[0]
+    if not (u1 - u0) * (v1 - v0) <= _MUCH * u.size:
+        return total
+    line = max(64 // samples.itemsize, 1)  # bytes that the cache takes at once
+    for y in range(int(v0), int(v1) + 1):
+        for k in range((y * stride + int(u0)) * channels, (y * stride + int(u1)) * channels, line):
+            total = max(total, samples[np.uint64(k)])
+    return total
 
 
 @compiled

@@ -130,15 +130,22 @@ class SourcePicture:
     def sampled(self, u: Places, v: Places, kind: int, shape: tuple[int, int]) -> Pixels:
         """Values (h, w, c) in the picture's type at positions in the bordered picture.
 
-        `u` and `v` have `shape` (h, w), or a pixel more all around; then large footprints are averaged.
+        `u` and `v` have `shape` (h, w), or a pixel more all around; then pixels are averages over their squares.
         """
-        limits = self.limits
-        left, top = self.origin
+        out = np.empty((*shape, self.samples.channels), self.samples.dtype)
+        self.sample_into(u, v, kind, out, slice(0, shape[1]))
+        return out
+
+    def sample_into(self, u: Places, v: Places, kind: int, out: Pixels, columns: slice) -> None:
+        """Write the same values into columns of `out` (h, W, c), rows of a whole target."""
+        limits, (x, y) = self.limits, self.origin
         if self.origin != (0, 0):
-            u, v = u - u.dtype.type(left), v - v.dtype.type(top)
-            limits = limits - np.array([left, top, left, top, 0, left, top, 0, 0, 0, 0])
+            u, v = u - u.dtype.type(x), v - v.dtype.type(y)
+            limits = limits - np.array([x, y, x, y, 0, x, y, 0, 0, 0, 0])
+        width = columns.stop - columns.start
+        direct = not self.samples.as_light
+        room = out if direct else np.empty((len(out), width, out.shape[2]), self.samples.working)
         flat = self.bordered.reshape(-1)
-        out = np.empty((*shape, self.samples.channels), self.samples.working)
         kernels.sample_tile(
             flat.view(np.uint32) if self.samples.packed else _NO_TEXELS,
             flat[:0] if self.samples.packed else flat,
@@ -149,9 +156,12 @@ class SourcePicture:
             v,
             limits.astype(u.dtype),
             self.samples.top,
-            out,
+            columns.start if direct else 0,
+            width,
+            room,
         )
-        return self.samples.encoded(out)
+        if not direct:
+            out[:, columns] = self.samples.encoded(room)
 
 
 def source_picture(strips: Iterable[tuple[int, Pixels]], projection: Projection, samples: Samples) -> SourcePicture:

@@ -46,6 +46,10 @@ class WindowedPicture:
             return self._in_halves(u, v, kind, shape, halo)
         return self._window(left, top, right, bottom).sampled(u, v, kind, shape)
 
+    def sample_into(self, u: Places, v: Places, kind: int, out: Pixels, columns: slice) -> None:
+        """As `SourcePicture.sample_into`; errors as `sampled`."""
+        out[:, columns] = self.sampled(u, v, kind, (len(out), columns.stop - columns.start))
+
     def _in_halves(self, u: Places, v: Places, kind: int, shape: tuple[int, int], halo: int) -> Pixels:
         height, width = shape
         if height >= width:
