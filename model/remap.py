@@ -181,6 +181,8 @@ class Remapper:
 
         Only a few bands exist at a time.  The pixels are those of a call.
         """
+        if rows < 1:
+            raise UsageError(f"bands of {rows} rows: a band has at least one")
         picture = self._made_ready(image)
         width, height = self.target.size
 
@@ -196,6 +198,8 @@ class Remapper:
     def _made_ready(self, image: NDArray[Any] | PictureFile) -> SourcePicture | WindowedPicture:
         if isinstance(image, PictureFile):
             size, channels = image.size, image.channels
+        elif image.ndim not in (2, 3):
+            raise UsageError(f"a picture is an array (h, w) or (h, w, c), not one of {image.ndim} dimensions")
         else:
             size, channels = (image.shape[1], image.shape[0]), image.shape[2] if image.ndim == 3 else 1
         if size != self.source.size:
@@ -253,10 +257,9 @@ class Remapper:
             found = found.inner
         needed = 0 if found is None else found.u.nbytes + found.v.nbytes
         with self._lock:
-            keeps = needed <= self._room
-            self._room -= needed if keeps else 0
-        if keeps:
-            self._kept[place] = found
+            if place not in self._kept and needed <= self._room:  # another frame under way may have kept it
+                self._kept[place] = found
+                self._room -= needed
         return found
 
 

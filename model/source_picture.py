@@ -27,6 +27,7 @@ BORDER = 4
 
 _NO_TEXELS = np.empty(0, np.uint32)
 _NEVER = 1e18  # pixels, more than any picture has; its square is still a float32
+_HALF_MAX = np.float32(np.finfo(np.float16).max)
 _OPAQUE_ENOUGH = 1e-4  # of alpha: less than a code of 8 bits, below it there is no colour to restore
 
 
@@ -84,7 +85,10 @@ class Samples:
             np.divide(pixels[..., :colours], full, out=light[..., :colours])
         if self.has_alpha:
             np.divide(pixels[..., -1], full, out=light[..., -1])
-            light[..., :colours] *= light[..., -1:]
+            with np.errstate(invalid="ignore"):
+                light[..., :colours] *= light[..., -1:]
+            if self.dtype.kind == "f":
+                light[light[..., -1] == 0] = 0  # infinities under it would be NaN, and spread
         return light
 
     def encoded(self, light: Pixels) -> Pixels:
@@ -96,6 +100,8 @@ class Samples:
             alpha = np.maximum(light[..., -1:], 0)
             light = np.concatenate([light[..., :colours] / np.maximum(alpha, _OPAQUE_ENOUGH), alpha], -1)
         if self.dtype.kind == "f":
+            if self.dtype == np.float16:  # overshoot beside its largest number is not infinite
+                np.clip(light, -_HALF_MAX, _HALF_MAX, out=light, where=np.isfinite(light))
             return light.astype(self.dtype)
         codes = np.empty(light.shape, self.dtype)
         if self.linear_light:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fullsphere.model import positions
 from fullsphere.model.camera import Camera, FastProjection, Projection
-from fullsphere.model.errors import ResourceError, UsageError
+from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import (
     BaksteinPajdla,
     Equidistant,
@@ -61,8 +61,8 @@ def exact(source: Projection, target: Projection, turn: FloatArray, rows: slice,
 
 def within(pixels: FloatArray, size: tuple[int, int], margin: float = 0.0) -> NDArray[np.bool_]:
     with np.errstate(invalid="ignore"):
-        inside: NDArray[np.bool_] = (np.abs(pixels - (np.array(size) - 1) / 2) <= np.array(size) / 2 + margin).all(-1)
-    return inside
+        u, v = (np.abs(pixels[..., k] - (size[k] - 1) / 2) <= size[k] / 2 + margin for k in (0, 1))
+    return np.asarray(u & v)
 
 
 def stacked(found: Positions | None) -> FloatArray:
@@ -87,16 +87,8 @@ def test_a_lens_of_4000_px_is_met_to_a_thousandth(name: str, target: FastProject
     inside = within(pixels, camera.size)
     assert inside.sum() > 3000
     # at the rim and the border rounding decides
-    theta = np.arccos(
-        np.clip(
-            (
-                target.unproject(np.stack(np.meshgrid(np.arange(columns.stop), np.arange(rows.stop)), -1).astype(float))
-                @ turn.T
-            )[..., 2],
-            -1,
-            1,
-        )
-    )
+    u, v = np.meshgrid(np.arange(columns.stop, dtype=float), np.arange(rows.stop, dtype=float))
+    theta = np.arccos(np.clip(target.unproject(np.stack([u, v], -1)) @ turn[2], -1, 1))
     clear = (np.abs(theta - camera.half_fov) > 1e-3) & (
         within(pixels, camera.size, -0.01) | ~within(pixels, camera.size, 0.01)
     )
@@ -223,15 +215,11 @@ def test_nothing_seen_is_none(target: Projection) -> None:
 @pytest.mark.parametrize("name", ["equisolid", "equidistant", "thoby"])
 @pytest.mark.parametrize("short_of_pi", [1e-2, 1e-4, 0.0])
 def test_a_field_of_view_of_the_whole_sphere(name: str, short_of_pi: float) -> None:
-    """Where r/sin(theta) has no bound the table is refined, or another way taken, or the lens refused in words."""
+    """Where r/sin(theta) has no bound another way is taken."""
     lens = LENSES[name][0]
     half = min(math.pi, lens.theta_max) - short_of_pi
     camera = Camera(lens.scaled(480 / float(lens.radius(half))), (1000, 1000), (499.5, 499.5), half_fov=half)
-    try:
-        found = stacked(Geometry(camera, SPHERE, rotation(2), OFFSET).positions(*whole(SPHERE)))
-    except ResourceError as error:
-        assert "px" in str(error)
-        return
+    found = stacked(Geometry(camera, SPHERE, rotation(2), OFFSET).positions(*whole(SPHERE)))
     pixels = exact(camera, SPHERE, rotation(2), *whole(SPHERE))
     assert np.nanmax(np.abs(found - pixels)) <= TO_FLOAT32_PX
     assert np.mean(np.isfinite(found[..., 0]) != within(pixels, camera.size)) < 1e-3
