@@ -40,6 +40,14 @@ class Frame:
         One standard deviation of the rotation's angle, degrees.
     exposure_ev
         How much brighter this frame recorded the scene than the reference, in powers of two.
+    camera
+        Index of the camera that took it, among the mosaic's.
+    shot
+        Frames of one shot were taken at once by the cameras of a rig, and share its pose; empty for a shot of its own.
+    crop_px
+        Left, top, width and height of the picture within its file, where two circles share one; None for the whole.
+    prior
+        camera_from_world (3, 3) as it was told beforehand, by a file or the camera; None if it was not.
     """
 
     id: str
@@ -51,6 +59,10 @@ class Frame:
     camera_from_world: FloatArray | None = None
     sigma_deg: float | None = None
     exposure_ev: float = 0.0
+    camera: int = 0
+    shot: str = ""
+    crop_px: tuple[int, int, int, int] | None = None
+    prior: FloatArray | None = dataclasses.field(default=None, repr=False)
 
     @property
     def registered(self) -> bool:
@@ -66,7 +78,9 @@ class Frame:
 class Link:
     """Two frames i < j that see the same things, and the matched pixels (n, 2) in each.
 
-    `j_from_i` (3, 3) turns rays of camera i into rays of camera j.
+    `j_from_i` (3, 3) turns rays of camera i into rays of camera j.  `held_i` and `held_j` (m, 2) are matches that no
+    fit ever sees, for an honest residual.  `verdict` says how the two frames stand to each other: "rotation",
+    "parallax" (the camera moved between them, or they show near things) or "duplicate".
     """
 
     i: int
@@ -74,6 +88,9 @@ class Link:
     pixels_i: FloatArray = dataclasses.field(repr=False)
     pixels_j: FloatArray = dataclasses.field(repr=False)
     j_from_i: FloatArray = dataclasses.field(repr=False)
+    held_i: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 2)), repr=False)
+    held_j: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 2)), repr=False)
+    verdict: str = "rotation"
 
     def kept(self, keep: NDArray[np.bool_]) -> Link:
         """The link with only the matches marked in `keep` (n,)."""
@@ -86,8 +103,8 @@ class Mosaic:
 
     Attributes
     ----------
-    camera
-        The camera that took every frame.
+    cameras
+        The cameras that took the frames.
     frames
         In the order given, those left out included.
     links
@@ -100,15 +117,26 @@ class Mosaic:
         Whether the camera was estimated from the frames themselves.
     quality
         Figures for people and programs, by name.
+    camera_from_rig
+        For each camera its rotation (3, 3) on a rig of several; empty where there is one camera.
+    diagnosis
+        What was found out about the set, in plain words, the most important first.
     """
 
-    camera: Camera
+    cameras: tuple[Camera, ...]
     frames: tuple[Frame, ...]
     links: tuple[Link, ...]
     vignetting_ev: tuple[float, float] = (0.0, 0.0)
     level: str = "none"
     self_calibrated: bool = False
     quality: dict[str, float] = dataclasses.field(default_factory=dict)
+    camera_from_rig: tuple[FloatArray, ...] = ()
+    diagnosis: tuple[str, ...] = ()
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that took every frame, where there is one."""
+        return self.cameras[0]
 
     @property
     def registered(self) -> tuple[Frame, ...]:

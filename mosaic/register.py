@@ -136,7 +136,7 @@ def _mosaic(
         "residual_median_px": float(np.median(every)),
         "residual_rms_px": _rms(every[every < TOLERANCE_PX]),
     }
-    return Mosaic(camera, tuple(placed), tuple(links), level=level, self_calibrated=self_calibrated, quality=quality)
+    return Mosaic((camera,), tuple(placed), tuple(links), level=level, self_calibrated=self_calibrated, quality=quality)
 
 
 def _rms(values: FloatArray) -> float:

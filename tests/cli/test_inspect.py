@@ -91,7 +91,7 @@ def a_mosaic(folder: Path) -> Mosaic:
         ),
         Frame("b\x1b[2J.jpg", str(folder / "b.jpg"), CAMERA.size, lambda: np.zeros(0)).left_out("no overlap"),
     )
-    return Mosaic(CAMERA, frames, (), level="camera-x-axes", quality={"residual_rms_px": 0.47})
+    return Mosaic((CAMERA,), frames, (), level="camera-x-axes", quality={"residual_rms_px": 0.47})
 
 
 def test_a_mosaic_is_described_frame_by_frame(inspect: Inspect, tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ def whole(
 
 
 def mosaic_of(frames: list[Frame], camera: Camera = CAMERA) -> Mosaic:
-    return Mosaic(camera, tuple(frames), ())
+    return Mosaic((camera,), tuple(frames), ())
 
 
 @pytest.fixture(scope="module")
