@@ -642,9 +642,10 @@ def _share(sums: np.ndarray, owner: np.ndarray, count: int, total: np.ndarray) -
 def fill_rim(pixels: np.ndarray, centre_u: float, centre_v: float, aspect: float, radius: float, reach: float) -> None:
     """Give the pixels (h, w, c) within `reach` outside a disc the values of those next to them inside its rim.
 
-    So a kernel that reaches over the rim reads no dark.
+    So a kernel that reaches over the rim reads no dark.  Lengths are those across; down they are `aspect` times that.
     """
     height, width = pixels.shape[:2]
+    rounding = np.sqrt(0.25 + 0.25 / aspect**2) + 0.05  # half a pixel across and down
     for y in range(height):
         dy = (y - centre_v) / aspect
         outer = (radius + reach) ** 2 - dy * dy
@@ -661,7 +662,7 @@ def fill_rim(pixels: np.ndarray, centre_u: float, centre_v: float, aspect: float
                 x = int(np.floor(centre_u + hole)) + 1
                 continue
             r = np.sqrt(dx * dx + dy * dy)
-            inward = (radius - 0.75) / r  # the nearest whole pixel to there is on the disc
+            inward = (radius - rounding) / r  # the nearest whole pixel to there is on the disc
             u = min(max(int(np.floor(centre_u + inward * dx + 0.5)), 0), width - 1)
             v = min(max(int(np.floor(centre_v + aspect * inward * dy + 0.5)), 0), height - 1)
             for channel in range(pixels.shape[2]):

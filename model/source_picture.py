@@ -25,6 +25,7 @@ Places = NDArray[np.floating[Any]]
 BORDER = 4
 """Pixels around a picture: the widest kernel reads three to either side of a position that is at most half outside."""
 
+_REACH = 1.5 * BORDER  # beyond a rim: the widest kernel's corner is further than its side
 _NO_TEXELS = np.empty(0, np.uint32)
 _NEVER = 1e18  # pixels, more than any picture has; its square is still a float32
 _HALF_MAX = np.float32(np.finfo(np.float16).max)
@@ -230,7 +231,7 @@ def fill_rim(room: Pixels, disc: tuple[float, float, float, float]) -> None:
     """Fill what a lens does not see along the rim of its field of view, where kernels reach it."""
     centre_u, centre_v, aspect, radius = disc
     if math.isfinite(radius) and radius > 2 * BORDER:
-        kernels.fill_rim(room, centre_u, centre_v, aspect, radius, float(BORDER))
+        kernels.fill_rim(room, centre_u, centre_v, aspect, radius, _REACH / min(1.0, aspect))
 
 
 def _fill_border(bordered: Pixels, meets: int) -> None:
