@@ -20,6 +20,10 @@ from laws import fisheye, pixel_rays, rotation, smooth_light
 
 AVERAGING = INTERPOLATIONS[1:]
 every_interpolation = pytest.mark.parametrize("interpolation", AVERAGING)
+every_zoom = pytest.mark.parametrize(
+    ("times", "interpolation"),
+    [*itertools.product([4.0], AVERAGING), (2.5, "linear"), (2.5, "cubic"), (10.0, "lanczos3")],
+)
 SUPER = 16  # points along a side of a target pixel, for the average over its area
 
 Scene = Callable[[FloatArray], FloatArray]
@@ -88,8 +92,7 @@ SCENES: dict[str, Callable[[float], Scene]] = {"waves": random_waves, "zone plat
 
 
 @pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("times", [2.5, 4.0, 10.0])
-@every_interpolation
+@every_zoom
 def test_coarser_by_a_factor_is_as_good_as_the_average_over_areas(
     interpolation: Interpolation, times: float, scene: str
 ) -> None:
@@ -120,8 +123,7 @@ def rotation_by_degrees(yaw: float, pitch: float, roll: float) -> FloatArray:
     return np.asarray(about_y @ about_x @ about_z)
 
 
-@pytest.mark.parametrize("times", [2.5, 4.0, 10.0])
-@every_interpolation
+@every_zoom
 def test_noise_is_averaged_away_as_much_as_over_areas(interpolation: Interpolation, times: float) -> None:
     """White noise has everything to alias: what is left of it is what the mean over a target pixel leaves."""
     side = 240
@@ -198,9 +200,7 @@ SOURCES: dict[str, tuple[Projection, Projection]] = {
 
 
 @pytest.mark.parametrize("name", SOURCES)
-@pytest.mark.parametrize(
-    ("dtype", "channels"), [(np.uint8, 3), (np.uint8, 1), (np.uint16, 3), (np.float32, 1), (np.uint8, 4)]
-)
+@pytest.mark.parametrize(("dtype", "channels"), [(np.uint8, 3), (np.uint16, 1), (np.uint8, 4)])
 @every_interpolation
 def test_a_constant_stays_constant(interpolation: Interpolation, dtype: Any, channels: int, name: str) -> None:
     """To the last pixel of a rim or border, with nothing of the dark beyond it."""
@@ -209,7 +209,7 @@ def test_a_constant_stays_constant(interpolation: Interpolation, dtype: Any, cha
     image = np.where(seen, np.full(channels, 201, dtype), np.zeros(channels, dtype))
     result, weight = remap(image, source, target, rotation(1), interpolation)
     assert weight.mean() > 0.05
-    np.testing.assert_allclose(result[weight > 0], 201, rtol=0, atol=1e-3 if dtype is np.float32 else 0)
+    np.testing.assert_allclose(result[weight > 0], 201, rtol=0, atol=0)
     assert not result[weight == 0].any()
 
 

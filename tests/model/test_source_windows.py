@@ -119,9 +119,7 @@ def test_windows_of_a_file_are_the_picture(
     assert_as_in_memory(whole, expected)
 
 
-@pytest.mark.parametrize(
-    ("window_bytes", "interpolation"), [(1, "nearest"), (1, "cubic"), (3_000, "lanczos3"), (60_000, "linear")]
-)
+@pytest.mark.parametrize(("window_bytes", "interpolation"), [(1, "cubic"), (4_000, "lanczos3")])
 @every_job
 def test_tiles_are_split_until_their_windows_fit(
     job: str, interpolation: Interpolation, window_bytes: int, tmp_path: Path, by_region: pytest.MonkeyPatch
@@ -149,7 +147,7 @@ def test_tiles_are_split_until_their_windows_fit(
         ("png", np.uint16, 3),
     ],
 )
-@pytest.mark.parametrize("job", ["fisheye to sphere", "sphere, seam", "cube to sphere"])
+@pytest.mark.parametrize("job", ["fisheye to small sphere", "sphere, seam"])
 def test_every_kind_of_sample(
     job: str, kind: str, dtype: Any, channels: int, tmp_path: Path, by_region: pytest.MonkeyPatch
 ) -> None:
