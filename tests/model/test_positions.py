@@ -212,6 +212,19 @@ def test_nothing_seen_is_none(target: Projection) -> None:
     assert geometry.positions(*whole(target)) is not None
 
 
+@pytest.mark.parametrize("name", LENSES)
+@pytest.mark.parametrize("surface", ["sphere", "window", "belt", "cylinder", "part of mercator", "360x360"])
+@pytest.mark.parametrize("side", [100, 1000])
+def test_no_step_is_larger_than_the_bound(name: str, surface: str, side: int) -> None:
+    """Where it is small nobody looks for footprints."""
+    camera, target = camera_of(name, side, 1.3), SURFACES[surface]
+    geometry = Geometry(camera, target, rotation(side), OFFSET)
+    found = stacked(geometry.positions(*whole(target, 1)))
+    steps = [np.linalg.norm(np.diff(found, axis=axis), axis=-1) for axis in (0, 1)]
+    assert max(float(np.nanmax(step)) for step in steps) <= geometry.largest_step
+    assert Geometry(target, camera, np.eye(3), OFFSET).largest_step == math.inf
+
+
 @pytest.mark.parametrize("name", ["equisolid", "equidistant", "thoby"])
 @pytest.mark.parametrize("short_of_pi", [1e-2, 1e-4, 0.0])
 def test_a_field_of_view_of_the_whole_sphere(name: str, short_of_pi: float) -> None:
