@@ -259,7 +259,7 @@ def test_a_large_picture_is_read_by_region_with_the_same_result_but_for_rounding
     frame = save(tmp_path / "frame.tif", read_picture(room_set.frames[0]).pixels)
     common = ("remap", frame, "--from", room_set.camera_file, "--to", "equirectangular:600")
     assert fullsphere(*common, "-o", tmp_path / "whole.tif").code == 0
-    monkeypatch.setattr(importlib.import_module("fullsphere.model.remap"), "available_memory", lambda: 0)
+    monkeypatch.setattr(importlib.import_module("fullsphere.model.remap"), "_WHOLE_BYTES", 0)
     assert fullsphere(*common, "-o", tmp_path / "regions.tif").code == 0
     whole, regions = (read_picture(tmp_path / f"{name}.tif").pixels.astype(int) for name in ("whole", "regions"))
     assert np.abs(whole - regions).max() <= 1
