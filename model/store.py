@@ -16,6 +16,7 @@ import numpy as np
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import CameraError, InputError
 from fullsphere.model.files import read_json, write_json
+from fullsphere.model.json_values import demand_keys, number_of, numbers_of, object_of
 from fullsphere.model.lens import LENSES, Lens
 
 FORMAT = "fullsphere-camera/1"
@@ -104,22 +105,22 @@ def camera_from_dict(value: Any, where: str, besides: Collection[str] = ()) -> C
         If a key is missing or unknown, a value is of the wrong kind or out of range, the lens does not grow over its
         field of view, or the curve is not that of the lens.
     """
-    data = _object(value, where)
+    data = object_of(value, where)
     if data.get("format") != FORMAT:
         raise InputError(f'{where}: format is {data.get("format")!r}, not "{FORMAT}"; is it a camera file?')
-    _demand_keys(data, where, _REQUIRED, (*_OPTIONAL, *besides))
-    width, height = _numbers(data, "image_size_px", where, 2)
+    demand_keys(data, where, _REQUIRED, (*_OPTIONAL, *besides))
+    width, height = numbers_of(data, "image_size_px", where, 2)
     if not (width.is_integer() and height.is_integer()):
         raise InputError(f"{where}: image_size_px: {width} x {height} are not whole pixels")
-    half_fov = math.radians(_number(data, "half_field_of_view_deg", where))
+    half_fov = math.radians(number_of(data, "half_field_of_view_deg", where))
     lens = _lens(data["lens"], f"{where}: lens")
     if lens.theta_max < half_fov <= lens.theta_max * (1 + _ROUNDING):
         half_fov = lens.theta_max
     camera = Camera(lens, (1, 1), (0.0, 0.0), half_fov=1e-3 * lens.theta_max)
     changes: dict[str, dict[str, Any]] = {  # one at a time, so that an error can be laid to its key
         "image_size_px": {"size": (int(width), int(height))},
-        "centre_px": {"centre": tuple(_numbers(data, "centre_px", where, 2))},
-        "aspect": {"aspect": _number(data, "aspect", where)},
+        "centre_px": {"centre": tuple(numbers_of(data, "centre_px", where, 2))},
+        "aspect": {"aspect": number_of(data, "aspect", where)},
         "half_field_of_view_deg": {"half_fov": half_fov},
     }
     for key, change in changes.items():
@@ -128,7 +129,7 @@ def camera_from_dict(value: Any, where: str, besides: Collection[str] = ()) -> C
         except CameraError as error:
             raise InputError(f"{where}: {key}: {error}") from error
     if "calibration" in data:
-        _object(data["calibration"], f"{where}: calibration")
+        object_of(data["calibration"], f"{where}: calibration")
     if "curve" in data:
         _check_curve(data["curve"], camera, f"{where}: curve")
     return camera
@@ -141,22 +142,22 @@ def _sampled(camera: Camera) -> dict[str, list[float]]:
 
 
 def _lens(value: Any, where: str) -> Lens:
-    data = _object(value, where)
+    data = object_of(value, where)
     kind = LENSES.get(data["projection"]) if isinstance(data.get("projection"), str) else None
     if kind is None:
         raise InputError(f"{where}.projection is {data.get('projection')!r}; known are {', '.join(LENSES)}")
     keys = [parameter.key for parameter in kind.parameters]
-    _demand_keys(data, where, ("projection", *keys), ())
+    demand_keys(data, where, ("projection", *keys), ())
     try:
-        return kind(*(_number(data, key, where) for key in keys))
+        return kind(*(number_of(data, key, where) for key in keys))
     except CameraError as error:
         raise InputError(f"{where}: {error}") from error
 
 
 def _check_curve(value: Any, camera: Camera, where: str) -> None:
-    data = _object(value, where)
-    _demand_keys(data, where, ("theta_deg", "r_px"), ("sigma_px",))
-    theta_deg, r_px = np.array(_numbers(data, "theta_deg", where)), np.array(_numbers(data, "r_px", where))
+    data = object_of(value, where)
+    demand_keys(data, where, ("theta_deg", "r_px"), ("sigma_px",))
+    theta_deg, r_px = np.array(numbers_of(data, "theta_deg", where)), np.array(numbers_of(data, "r_px", where))
     if not theta_deg.size == r_px.size > 0:
         raise InputError(f"{where}: theta_deg and r_px hold {theta_deg.size} and {r_px.size} numbers")
     for key, samples in (("theta_deg", theta_deg), ("r_px", r_px)):
@@ -166,7 +167,7 @@ def _check_curve(value: Any, camera: Camera, where: str) -> None:
     if theta_deg[0] < 0 or theta_deg[-1] > edge * (1 + 1e-9):
         raise InputError(f"{where}.theta_deg is not within 0 and half_field_of_view_deg = {edge:g}")
     if "sigma_px" in data:
-        sigma = _numbers(data, "sigma_px", where, theta_deg.size)
+        sigma = numbers_of(data, "sigma_px", where, theta_deg.size)
         if min(sigma) < 0:
             raise InputError(f"{where}.sigma_px holds a negative number")
     gaps = np.abs(camera.lens.radius(np.minimum(np.radians(theta_deg), camera.half_fov)) - r_px)
@@ -176,32 +177,3 @@ def _check_curve(value: Any, camera: Camera, where: str) -> None:
             f"{where}.r_px is {gaps[worst]:.3g} px off the lens at {theta_deg[worst]:g} degrees; "
             "correct the lens, or leave the curve out"
         )
-
-
-def _object(value: Any, where: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise InputError(f"{where}: is not an object of keys and values")
-    return value
-
-
-def _demand_keys(data: dict[str, Any], where: str, required: Collection[str], optional: Collection[str]) -> None:
-    missing = [key for key in required if key not in data]
-    if missing:
-        raise InputError(f"{where}: the key {missing[0]!r} is missing")
-    unknown = [key for key in data if key not in required and key not in optional]
-    if unknown:
-        raise InputError(f"{where}: the key {unknown[0]!r} is unknown; is it misspelt?")
-
-
-def _number(data: dict[str, Any], key: str, where: str) -> float:
-    value = data[key]
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{where}: {key} is {value!r}, not a number")
-    return float(value)
-
-
-def _numbers(data: dict[str, Any], key: str, where: str, count: int | None = None) -> list[float]:
-    values = data[key]
-    if not isinstance(values, list) or (count is not None and len(values) != count):
-        raise InputError(f"{where}: {key} is not a list of {count or ''} numbers".replace("  ", " "))
-    return [_number({key: item}, key, where) for item in values]
