@@ -1,17 +1,16 @@
-"""Bundle adjustment on the sphere: all rotations at once, and the camera too when it is not known.
+"""Bundle adjustment on the sphere: all orientations at once, and the cameras too where they are not known.
 
-A match (u_i, u_j) gives the residual project(R_j R_i^T unproject(u_i)) - u_j in pixels, whitened by the covariance
-I + A A^T of two equally good keypoints, A = d project / d u_i.  Robust (Cauchy) iteratively reweighted least squares
-by Levenberg-Marquardt; the normal equations are gathered link by link, so that memory does not grow with the number of
-matches times the number of frames.  Residual: Brown & Lowe, IJCV 2007, section 4; weights: Holland & Welsch 1977.
+The residuals are those of `match_errors`.  Robust (Cauchy) iteratively reweighted least squares by
+Levenberg-Marquardt; the normal equations are gathered link by link, a link touching the blocks of its two frames and
+cameras only, so that memory does not grow with the number of matches times the number of frames.  Weights: Holland &
+Welsch 1977.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple, Self
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,11 @@ from scipy.spatial.transform import Rotation
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import CameraError, GeometryError
 from fullsphere.model.lens import FloatArray, angle_of_radius
+from fullsphere.mosaic.match_errors import MatchArrays, match_errors, opened_camera
 from fullsphere.mosaic.project import Link
+from fullsphere.mosaic.rig import Poses, Rig, poses_of
+from fullsphere.mosaic.uncertainty import Scores, Uncertainty, neighbourhoods, unit_scale
+from fullsphere.mosaic.unknowns import Unknowns, free_columns
 
 _MAX_STEPS = 60
 _UNDETERMINED = 1e-10  # eigenvalue of the rotations' unit-diagonal Hessian: matches within a thousandth of a degree
@@ -29,63 +32,65 @@ _WIDEST = math.radians(140)  # half field of view that a camera may grow to whil
 
 
 class Adjustment(NamedTuple):
-    """Rotations camera_from_world (n, 3, 3), the camera, and one standard deviation (n,) of each rotation in radians.
+    """What an adjustment found.
 
-    `residuals_px` holds for each link the length (m,) of its matches' whitened residuals: the error of one keypoint.
-    `cost` is the robust sum that was minimised, in square pixels.
+    Attributes
+    ----------
+    rotations
+        camera_from_world (n, 3, 3) of the frames.
+    cameras
+        The cameras.
+    mounts
+        camera_from_rig (c, 3, 3) of the cameras.
+    sigma
+        One standard deviation (n,) in radians of the angle that each frame is turned from the truth, the world being
+        that in which the errors of all frames of the group are zero on average.
+    covariances
+        Of each camera's values, (P, P) in the order of its `parameter_names`; zero where a value was not free and
+        not known to be uncertain.
+    residuals_px
+        For each link the lengths (m,) of its matches' whitened residuals: the error of one keypoint.
+    cost
+        The robust sum that was minimised, in square pixels.
     """
 
     rotations: FloatArray
-    camera: Camera
+    cameras: tuple[Camera, ...]
+    mounts: FloatArray
     sigma: FloatArray
+    covariances: tuple[FloatArray, ...]
     residuals_px: tuple[FloatArray, ...]
     cost: float
 
 
 class _Problem(NamedTuple):
-    """What stays the same: links, place of each frame's unknowns (-1: none), free camera columns, robust scale.
-
-    `matches` holds those of all links one after the other, with frame numbers (m,): one call of the camera for them
-    all costs far less than one for each of hundreds of links.
-    """
+    """What stays the same: links and their matches, who took what, the unknowns, beliefs about cameras, the scale."""
 
     links: Sequence[Link]
-    matches: _Matches
-    slot: dict[int, int]
-    columns: list[int]
+    matches: MatchArrays
+    rig: Rig
+    unknowns: Unknowns
+    beliefs: Sequence[_Belief]
     scale: float
 
-    @property
-    def unknowns(self) -> int:
-        return 3 * (len(self.slot) - 1) + len(self.columns)
 
+class _Belief(NamedTuple):
+    """What is known of some unknowns at `places` (k,) beforehand: values (k,) and information (k, k), per pixel^2."""
 
-class _Matches(NamedTuple):
-    """Matched pixels (m, 2) in frames i and j, one pair of frames for all or (m,) of them."""
-
-    i: Any
-    j: Any
-    pixels_i: FloatArray
-    pixels_j: FloatArray
-
-    @classmethod
-    def of(cls, links: Sequence[Link]) -> Self:
-        count = [len(link.pixels_i) for link in links]
-        return cls(
-            np.repeat([link.i for link in links], count),
-            np.repeat([link.j for link in links], count),
-            np.concatenate([link.pixels_i for link in links]),
-            np.concatenate([link.pixels_j for link in links]),
-        )
+    camera: int
+    columns: NDArray[np.intp]
+    places: NDArray[np.intp]
+    values: FloatArray
+    information: FloatArray
 
 
 class _State(NamedTuple):
     """A point of the search, with cost, residual lengths, J^T W J and J^T W r there."""
 
-    rotations: FloatArray
-    camera: Camera
+    poses: Poses
+    cameras: tuple[Camera, ...]
     cost: float
-    residuals: list[FloatArray]
+    residuals: FloatArray
     hessian: FloatArray
     gradient: FloatArray
 
@@ -94,10 +99,12 @@ def adjust(
     links: Sequence[Link],
     rotations: FloatArray,
     group: NDArray[np.intp],
-    camera: Camera,
+    cameras: Sequence[Camera],
     free: Sequence[str] = (),
     robust_scale_px: float = 1.0,
     tolerance: float = 1e-7,
+    rig: Rig | None = None,
+    known: Sequence[FloatArray | None] = (),
 ) -> Adjustment:
     """Refine the rotations of a connected group, and the camera parameters named in `free`.
 
@@ -106,28 +113,43 @@ def adjust(
     links
         Between frames of the group.
     rotations
-        Starting camera_from_world (n, 3, 3) of all frames; the first of the group stays as it is.
+        Starting camera_from_world (n, 3, 3) of all frames; the first shot of the group stays as it is.
     group
         Indices of the frames to adjust.
-    camera
-        Starting camera, shared by all frames.  Its field of view does not limit the fit; it keeps imaging the same
-        circle, so that `half_fov` follows the lens.
+    cameras
+        Starting cameras.  Their fields of view do not limit the fit; each keeps imaging the same circle, so that its
+        `half_fov` follows the lens.
     free
-        Names out of `camera.parameter_names`.
+        Names of parameters that are free in every camera that has them.
     robust_scale_px
         Residual at which a match has half of its weight.  Keypoints are good to a third of a pixel.
     tolerance
         Relative fall of the cost that is no longer worth a step.
+    rig
+        Which camera took which frame, and which were taken at once; by default one camera took each by itself.
+    known
+        Covariance (P, P) with which each camera's values are known beforehand; None where nothing is.  A free camera
+        is held by it; the uncertainty of one that is not free goes into that of the rotations.
 
     Raises
     ------
     GeometryError
         If the matches do not determine the rotations.
     """
-    slot = {int(frame): k - 1 for k, frame in enumerate(group)}  # the first frame holds the world: -1
-    columns = [camera.parameter_names.index(name) for name in free]
-    problem = _Problem(links, _Matches.of(links), slot, columns, robust_scale_px)
-    state = _evaluate(problem, rotations, camera)
+    rig = rig or Rig.of_one_camera(len(rotations))
+    unknowns = Unknowns.of(rig, group, free_columns(cameras, free, rig, group))
+    poses = poses_of(rotations, rig, group, len(cameras))
+    problem = _Problem(links, MatchArrays.of(links), rig, unknowns, (), robust_scale_px)
+    state = _evaluate(problem, poses, tuple(cameras))
+    beliefs = _beliefs(unknowns, cameras, known, _spread(state.residuals) ** 2)
+    if beliefs:
+        problem = problem._replace(beliefs=beliefs)
+        state = _evaluate(problem, poses, tuple(cameras))
+    state = _descend(problem, state, tolerance)
+    return _result(problem, state, rotations, group, known)
+
+
+def _descend(problem: _Problem, state: _State, tolerance: float) -> _State:
     damping = 1e-4
     for _ in range(_MAX_STEPS):
         following = _moved(problem, state, _damped_step(state, damping))
@@ -140,97 +162,78 @@ def adjust(
         state, damping = following, max(damping / 10, 1e-12)
         if gain < tolerance:
             break
-    return Adjustment(state.rotations, state.camera, _sigma(state, slot), tuple(state.residuals), state.cost)
+    return state
 
 
-def _evaluate(problem: _Problem, rotations: FloatArray, camera: Camera) -> _State:
+def _evaluate(problem: _Problem, poses: Poses, cameras: tuple[Camera, ...]) -> _State:
     """Cost sum of scale^2 log(1 + (r/scale)^2), and the normal equations with its weights 1/(1 + (r/scale)^2)."""
-    hessian, gradient = np.zeros((problem.unknowns, problem.unknowns)), np.zeros(problem.unknowns)
-    shared = np.arange(problem.unknowns - len(problem.columns), problem.unknowns)
-    linear = _linearise(problem.matches, rotations, camera)
-    squared = (linear.residual**2).sum(1)
-    relative = squared / problem.scale**2
-    root = np.sqrt(1 / (1 + relative))
-    residual = linear.residual * root[:, None]
-    by_camera, by_i, by_j = (
-        block * root[:, None, None] for block in (linear.by_camera[..., problem.columns], linear.by_i, linear.by_j)
-    )
-    ends = np.cumsum([len(link.pixels_i) for link in problem.links])
-    for link, end in zip(problem.links, ends, strict=True):
-        own = slice(end - len(link.pixels_i), end)
-        blocks, places = [by_camera[own]], [shared]
-        for frame, block in ((link.i, by_i), (link.j, by_j)):
-            if problem.slot[frame] >= 0:
-                blocks.append(block[own])
-                places.append(np.arange(3) + 3 * problem.slot[frame])
-        jacobian = np.concatenate(blocks, -1).reshape(-1, sum(map(len, places)))
-        where = np.concatenate(places)
-        hessian[np.ix_(where, where)] += jacobian.T @ jacobian
-        gradient[where] += jacobian.T @ residual[own].ravel()
-    cost = float(np.log1p(relative).sum()) * problem.scale**2
-    return _State(rotations, camera, cost, np.split(np.sqrt(squared), ends[:-1]), hessian, gradient)
+    size = problem.unknowns.size
+    hessian, gradient = np.zeros((size, size)), np.zeros(size)
+    cost, squared = 0.0, np.zeros(len(problem.matches.i))
+    for own, places, jacobian, residual, weight in _rows(problem, poses, cameras):
+        root = np.sqrt(weight)
+        weighted = (jacobian * root[:, None, None]).reshape(-1, len(places))
+        hessian[np.ix_(places, places)] += weighted.T @ weighted
+        gradient[places] += weighted.T @ (residual * root[:, None]).ravel()
+        squared[own] = (residual**2).sum(1)
+    cost = float(np.log1p(squared / problem.scale**2).sum()) * problem.scale**2
+    for belief in problem.beliefs:
+        off = cameras[belief.camera].values[belief.columns] - belief.values
+        hessian[np.ix_(belief.places, belief.places)] += belief.information
+        gradient[belief.places] += belief.information @ off
+        cost += float(off @ belief.information @ off)
+    return _State(poses, cameras, cost, np.sqrt(squared), hessian, gradient)
 
 
-class _Linear(NamedTuple):
-    """Whitened residuals (m, 2) and their derivatives by the two rotations (m, 2, 3) and the camera (m, 2, P)."""
+class _Rows(NamedTuple):
+    """One link's part: its matches, the unknowns (k,) it touches, J (m, 2, k), residuals (m, 2) and weights (m,)."""
 
+    matches: slice
+    places: NDArray[np.intp]
+    jacobian: FloatArray
     residual: FloatArray
-    by_i: FloatArray
-    by_j: FloatArray
-    by_camera: FloatArray
+    weight: FloatArray
 
 
-def _linearise(matches: _Matches | Link, rotations: FloatArray, camera: Camera) -> _Linear:
-    open_camera = _opened(camera)
-    ray_i = open_camera.unproject(matches.pixels_i)
-    at_i = open_camera.project_with_jacobians(ray_i)
-    turn = rotations[matches.j] @ np.swapaxes(rotations[matches.i], -1, -2)
-    ray_j = (turn @ ray_i[..., None])[..., 0]
-    at_j = open_camera.project_with_jacobians(ray_j)
-    # The ray of a fixed pixel: J is blind along the ray, so its pseudo-inverse moves the ray on the sphere only.
-    ji = at_i.d_pixel_d_ray
-    ji_transposed = np.swapaxes(ji, 1, 2)
-    through = at_j.d_pixel_d_ray @ turn
-    carried = through @ ji_transposed @ _inverse(ji @ ji_transposed)  # A = d u_j / d u_i
-    whiten = _inverse_root(np.eye(2) + carried @ np.swapaxes(carried, 1, 2))
-    return _Linear(
-        (whiten @ (at_j.pixels - matches.pixels_j)[..., None])[..., 0],
-        whiten @ through @ _cross_matrix(ray_i),
-        -whiten @ at_j.d_pixel_d_ray @ _cross_matrix(ray_j),
-        whiten @ (at_j.d_pixel_d_parameter - carried @ at_i.d_pixel_d_parameter),
-    )
+def _rows(problem: _Problem, poses: Poses, cameras: tuple[Camera, ...]) -> Iterator[_Rows]:
+    errors = match_errors(problem.matches, poses.rotations(problem.rig), cameras, problem.rig)
+    weight = 1 / (1 + (errors.residual**2).sum(1) / problem.scale**2)
+    end = 0
+    for link in problem.links:
+        own = slice(end, end + len(link.pixels_i))
+        end = own.stop
+        blocks: dict[int, FloatArray] = {}
+        for frame, by_frame, by_camera in (
+            (link.i, errors.by_i[own], errors.by_camera_i[own]),
+            (link.j, errors.by_j[own], errors.by_camera_j[own]),
+        ):
+            for place, block in problem.unknowns.blocks(frame, by_frame, by_camera, poses.mounts):
+                blocks[place] = blocks[place] + block if place in blocks else block
+        places = np.array([place + k for place, block in blocks.items() for k in range(block.shape[-1])], np.intp)
+        jacobian = np.concatenate([np.empty((own.stop - own.start, 2, 0)), *blocks.values()], -1)
+        yield _Rows(own, places, jacobian, errors.residual[own], weight[own])
 
 
-def _opened(camera: Camera) -> Camera:
-    """The camera with its field of view widened, so that a ray slightly past the rim still has a residual."""
-    limit = min(camera.half_fov + 0.35, camera.lens.theta_max * (1 - 1e-6))
-    return dataclasses.replace(camera, half_fov=max(limit, camera.half_fov))
-
-
-def _inverse(m: FloatArray) -> FloatArray:
-    """Inverses of 2 x 2 matrices (n, 2, 2)."""
-    a, b, c, d = m[:, 0, 0], m[:, 0, 1], m[:, 1, 0], m[:, 1, 1]
-    return np.stack([d, -b, -c, a], -1).reshape(-1, 2, 2) / (a * d - b * c)[:, None, None]
-
-
-def _inverse_root(m: FloatArray) -> FloatArray:
-    """Lower triangular W (n, 2, 2) with W m W^T = I of positive m (n, 2, 2): the inverse Cholesky factor."""
-    first = np.sqrt(m[:, 0, 0])
-    mixed = m[:, 1, 0] / first
-    second = np.sqrt(m[:, 1, 1] - mixed**2)
-    return np.stack([1 / first, np.zeros_like(first), -mixed / (first * second), 1 / second], -1).reshape(-1, 2, 2)
-
-
-def _cross_matrix(v: FloatArray) -> FloatArray:
-    """[v]x (m, 3, 3) of vectors (m, 3)."""
-    zero = np.zeros(len(v))
-    x, y, z = v.T
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(-1, 3, 3)
+def _beliefs(
+    unknowns: Unknowns, cameras: Sequence[Camera], known: Sequence[FloatArray | None], variance: float
+) -> tuple[_Belief, ...]:
+    """What covariances say of the free values, weighed against matches of so much variance in square pixels."""
+    found = []
+    for camera, covariance in enumerate(known):
+        columns, place = unknowns.columns[camera], unknowns.camera_at[camera]
+        if covariance is None or not len(columns):
+            continue
+        scale = np.sqrt(np.maximum(np.diag(covariance)[columns], 1e-300))
+        unit = covariance[np.ix_(columns, columns)] / scale / scale[:, None]
+        information = variance * np.linalg.pinv(unit, rcond=1e-13, hermitian=True) / scale / scale[:, None]
+        places = np.arange(place, place + len(columns))
+        found.append(_Belief(camera, columns, places, cameras[camera].values[columns], information))
+    return tuple(found)
 
 
 def _damped_step(state: _State, damping: float) -> FloatArray:
     """-(H + damping diag H)^-1 g, solved with unit diagonal."""
-    scale = _unit_scale(state.hessian)
+    scale = unit_scale(state.hessian)
     scaled = state.hessian * scale * scale[:, None]
     scaled[np.diag_indices_from(scaled)] += damping + 1e-14
     try:
@@ -239,27 +242,24 @@ def _damped_step(state: _State, damping: float) -> FloatArray:
         raise GeometryError("the matches do not determine the frames' orientations") from error
 
 
-def _unit_scale(hessian: FloatArray) -> FloatArray:
-    """Scales (n,) that give the Hessian a unit diagonal; a parameter without any effect is left where it is."""
-    diagonal = np.diag(hessian)
-    return np.asarray(1 / np.sqrt(np.maximum(diagonal, 1e-14 * max(float(diagonal.max(initial=0.0)), 1e-300))))
-
-
 def _moved(problem: _Problem, state: _State, step: FloatArray) -> _State | None:
     """The state after a step, or None where the step leaves the camera model's domain."""
-    rotations = state.rotations.copy()
-    for frame, k in problem.slot.items():
-        if k >= 0:
-            rotations[frame] = Rotation.from_rotvec(step[3 * k : 3 * k + 3]).as_matrix() @ rotations[frame]
-    camera = state.camera
-    if problem.columns:
-        values = camera.values
-        values[problem.columns] += step[len(step) - len(problem.columns) :]
-        moved = with_same_circle(camera, values)
-        if moved is None:
-            return None
-        camera = moved
-    following = _evaluate(problem, rotations, camera)
+    unknowns = problem.unknowns
+    shots, mounts = state.poses.shots.copy(), state.poses.mounts.copy()
+    for turned, places in ((shots, unknowns.shot_at), (mounts, unknowns.mount_at)):
+        for index, place in places.items():
+            turned[index] = Rotation.from_rotvec(step[place : place + 3]).as_matrix() @ turned[index]
+    cameras = list(state.cameras)
+    for k, camera in enumerate(cameras):
+        columns = unknowns.columns[k]
+        if len(columns):
+            values = camera.values
+            values[columns] += step[unknowns.camera_at[k] : unknowns.camera_at[k] + len(columns)]
+            moved = with_same_circle(camera, values)
+            if moved is None:
+                return None
+            cameras[k] = moved
+    following = _evaluate(problem, Poses(shots, mounts), tuple(cameras))
     return following if math.isfinite(following.cost) else None
 
 
@@ -276,18 +276,63 @@ def with_same_circle(camera: Camera, values: FloatArray) -> Camera | None:
         return None
 
 
-def _sigma(state: _State, slot: dict[int, int]) -> FloatArray:
-    """One standard deviation of each rotation's angle (root mean square over its axes), from the inverse Hessian."""
-    # Lengths of whitened residuals are Rayleigh distributed: their median is sigma sqrt(2 ln 2), outliers or not.
-    spread = float(np.median(np.concatenate(state.residuals))) / math.sqrt(2 * math.log(2))
-    scale = _unit_scale(state.hessian)
-    scaled = state.hessian * scale * scale[:, None]
-    turns = 3 * (len(slot) - 1)
-    if turns and np.linalg.eigvalsh(scaled[:turns, :turns])[0] < _UNDETERMINED:
+def _spread(residuals: FloatArray) -> float:
+    """Standard deviation of one coordinate: lengths are Rayleigh distributed, with a median of s sqrt(2 ln 2)."""
+    return float(np.median(residuals)) / math.sqrt(2 * math.log(2)) if residuals.size else 0.0
+
+
+def _result(
+    problem: _Problem, state: _State, rotations: FloatArray, group: NDArray[np.intp], known: Sequence[FloatArray | None]
+) -> Adjustment:
+    turns = problem.unknowns.turns
+    scale = unit_scale(state.hessian)[:turns]
+    if turns and np.linalg.eigvalsh(state.hessian[:turns, :turns] * scale * scale[:, None])[0] < _UNDETERMINED:
         raise GeometryError("the matches do not determine the frames' orientations")
-    variance = np.diag(np.linalg.pinv(scaled, hermitian=True)) * scale**2 * spread**2
-    sigma = np.zeros(len(state.rotations))
-    for frame, k in slot.items():
-        if k >= 0:
-            sigma[frame] = math.sqrt(max(float(variance[3 * k : 3 * k + 3].mean()), 0.0))
-    return sigma
+    found = rotations.copy()
+    found[group] = state.poses.rotations(problem.rig)[group]
+    uncertainty = _uncertainty(problem, state, found, group, known)
+    ends = np.cumsum([len(link.pixels_i) for link in problem.links])
+    return Adjustment(
+        found,
+        state.cameras,
+        state.poses.mounts,
+        uncertainty.of_rotations(found, group, state.poses.mounts),
+        tuple(uncertainty.of_camera(k, len(camera.values)) for k, camera in enumerate(state.cameras)),
+        tuple(np.split(state.residuals, ends[:-1])),
+        state.cost,
+    )
+
+
+def _uncertainty(
+    problem: _Problem, state: _State, rotations: FloatArray, group: NDArray[np.intp], known: Sequence[FloatArray | None]
+) -> Uncertainty:
+    """Of all that was free, and of the cameras' values that were fixed although they are uncertain."""
+    columns, fixed = list(problem.unknowns.columns), []
+    used = set(problem.rig.camera_of[group].tolist())
+    for k, covariance in enumerate(known):
+        if covariance is not None and k in used and not len(columns[k]):
+            columns[k] = np.flatnonzero(np.diag(covariance) > 0)
+            fixed.append((k, covariance[np.ix_(columns[k], columns[k])]))
+    unknowns = Unknowns.of(problem.rig, group, columns)
+    problem = problem._replace(unknowns=unknowns)
+    matches = problem.matches
+    cells = np.zeros(len(matches.i), np.intp)
+    for k, camera in enumerate(state.cameras):
+        own = problem.rig.camera_of[matches.i] == k
+        ray = opened_camera(camera).unproject(matches.pixels_i[own])
+        cells[own] = neighbourhoods((ray[:, None] @ rotations[matches.i[own]])[:, 0])
+    names, cells = np.unique(cells, return_inverse=True)
+    hessian, by_cell = np.zeros((unknowns.size, unknowns.size)), np.zeros((len(names), unknowns.size))
+    weights = np.zeros(len(cells))
+    for own, places, jacobian, residual, weight in _rows(problem, state.poses, state.cameras):
+        weighted = jacobian * weight[:, None, None]
+        hessian[np.ix_(places, places)] += np.einsum("mki,mkj->ij", weighted, jacobian)
+        np.add.at(by_cell, (cells[own, None], places), np.einsum("mki,mk->mi", weighted, residual))
+        weights[own] = weight
+    information = np.zeros_like(hessian)
+    for belief in problem.beliefs:
+        places = belief.places - problem.unknowns.camera_at[belief.camera] + unknowns.camera_at[belief.camera]
+        information[np.ix_(places, places)] = belief.information
+    curvature = float((weights**2).sum() / weights.sum())
+    scores = Scores(hessian, by_cell, len(cells), _spread(state.residuals) ** 2, curvature)
+    return Uncertainty.of(scores, unknowns, information, [(unknowns.camera_at[k], c) for k, c in fixed])

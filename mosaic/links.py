@@ -24,10 +24,14 @@ Progress = Callable[..., Iterable[Any]]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Evidence:
-    """All that is known without a camera: the keypoints of each frame by its index, the matches of each pair i < j."""
+    """All that is known without a camera: the keypoints of each frame by its index, the matches of each pair i < j.
+
+    `camera_of` tells the index of the camera that took a frame; frames it does not name were taken by the first.
+    """
 
     features: Mapping[int, Features]
     matches: Mapping[Pair, Matches]
+    camera_of: Mapping[int, int] = dataclasses.field(default_factory=dict)
 
     def strongest_pairs(self, partners: int) -> list[Pair]:
         """For each frame the pairs with the `partners` others that it has most matches with, in order."""
@@ -39,14 +43,18 @@ class Evidence:
         return sorted(chosen)
 
     def links(
-        self, camera: Camera, tolerance_px: float, executor: Executor | None = None, pairs: Sequence[Pair] | None = None
+        self,
+        cameras: Sequence[Camera],
+        tolerance_px: float,
+        executor: Executor | None = None,
+        pairs: Sequence[Pair] | None = None,
     ) -> list[Link]:
-        """Links of the pairs whose matches agree with a rotation under a camera.
+        """Links of the pairs whose matches agree with a rotation under the cameras.
 
         Parameters
         ----------
-        camera
-            Turns keypoints into rays; those outside its field of view do not count.
+        cameras
+            Turn keypoints into rays; those outside the field of view do not count.
         tolerance_px
             How many pixels off a match may be.
         executor
@@ -54,8 +62,9 @@ class Evidence:
         pairs
             Those to look at, by default all.
         """
-        rays = {k: camera.unproject(f.pixels) for k, f in self.features.items()}
-        scale = {k: camera.pixels_per_radian(r) for k, r in rays.items()}
+        camera = {k: cameras[self.camera_of.get(k, 0)] for k in self.features}
+        rays = {k: camera[k].unproject(f.pixels) for k, f in self.features.items()}
+        scale = {k: camera[k].pixels_per_radian(r) for k, r in rays.items()}
 
         def link(pair: Pair) -> Link | None:
             (i, j), (first, second) = pair, self.matches[pair]

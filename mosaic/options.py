@@ -53,3 +53,7 @@ class Options:
     levelling: Levelling = Levelling()
     lens: str = "bakstein-pajdla"
     refine: bool = False
+
+
+DEFAULT = Options()
+"""What is asked for where nothing is said."""

@@ -37,7 +37,8 @@ class Frame:
     camera_from_world
         Rotation (3, 3) once registered.
     sigma_deg
-        One standard deviation of the rotation's angle, degrees.
+        One standard deviation of the angle that the frame is turned from the truth, degrees; in the world in which the
+        errors of all frames are zero on average.
     exposure_ev
         How much brighter this frame recorded the scene than the reference, in powers of two.
     camera
@@ -48,6 +49,16 @@ class Frame:
         Left, top, width and height of the picture within its file, where two circles share one; None for the whole.
     prior
         camera_from_world (3, 3) as it was told beforehand, by a file or the camera; None if it was not.
+    gravity
+        Unit vector (3,) to the ground in the camera frame as it was told beforehand; None if it was not.
+    quarter_turns
+        How many quarter turns clockwise bring the picture, as `load` gives it, upright.
+    turned
+        How many quarter turns clockwise `load` gives the file's own pixels.
+    mask
+        Gives the parts of the picture (h, w) to use, where it is not zero; None for all.
+    mask_image
+        Where the mask came from; empty for none.
     """
 
     id: str
@@ -63,6 +74,11 @@ class Frame:
     shot: str = ""
     crop_px: tuple[int, int, int, int] | None = None
     prior: FloatArray | None = dataclasses.field(default=None, repr=False)
+    gravity: FloatArray | None = dataclasses.field(default=None, repr=False)
+    quarter_turns: int = 0
+    turned: int = 0
+    mask: Callable[[], NDArray[np.uint8]] | None = dataclasses.field(default=None, repr=False, compare=False)
+    mask_image: str = ""
 
     @property
     def registered(self) -> bool:
@@ -119,6 +135,8 @@ class Mosaic:
         Figures for people and programs, by name.
     camera_from_rig
         For each camera its rotation (3, 3) on a rig of several; empty where there is one camera.
+    camera_covariances
+        Of each camera's values (P, P), in the order of its `parameter_names`, where they were estimated.
     diagnosis
         What was found out about the set, in plain words, the most important first.
     """
@@ -131,6 +149,7 @@ class Mosaic:
     self_calibrated: bool = False
     quality: dict[str, float] = dataclasses.field(default_factory=dict)
     camera_from_rig: tuple[FloatArray, ...] = ()
+    camera_covariances: tuple[FloatArray, ...] = dataclasses.field(default=(), repr=False)
     diagnosis: tuple[str, ...] = ()
 
     @property

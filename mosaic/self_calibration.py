@@ -7,18 +7,21 @@ to the four parameters of Bakstein & Pajdla, the centre and the aspect.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 
 import numpy as np
 
+from fullsphere.model.calibration.lens_fit import fitted_lenses
 from fullsphere.model.camera import Camera
 from fullsphere.model.circle import ImageCircle
-from fullsphere.model.lens import BaksteinPajdla, Equidistant, Equisolid, Lens, Perspective
+from fullsphere.model.lens import LENSES, BaksteinPajdla, Equidistant, Equisolid, Lens, Perspective
 from fullsphere.mosaic.adjust import Adjustment
 from fullsphere.mosaic.links import Evidence
 from fullsphere.mosaic.project import Link
+from fullsphere.mosaic.rig import Rig
 from fullsphere.mosaic.solution import Solution, solve_links, thinned
 
 CIRCLE_HALF_FOVS_DEG = (75, 82, 88, 94, 100, 108, 118)
@@ -84,7 +87,13 @@ def as_bakstein_pajdla(camera: Camera) -> Camera:
     return Camera(best[1], camera.size, camera.centre, aspect=camera.aspect, half_fov=camera.half_fov)
 
 
-def self_calibrate(evidence: Evidence, starts: Sequence[Camera], count: int, executor: Executor | None) -> Solution:
+def self_calibrate(
+    evidence: Evidence,
+    starts: Sequence[tuple[Camera, ...]],
+    rig: Rig,
+    lens: str = BaksteinPajdla.projection,
+    executor: Executor | None = None,
+) -> Solution:
     """From one length to the whole camera, the matches chosen anew each time the camera is known better.
 
     On the way a sample of the pairs and of their matches is enough; the last adjustment takes them all.
@@ -94,9 +103,11 @@ def self_calibrate(evidence: Evidence, starts: Sequence[Camera], count: int, exe
     evidence
         What the frames have in common.
     starts
-        Cameras to try first, of `starting_cameras`.
-    count
-        How many frames there are.
+        Cameras to try first, of `starting_cameras`: each time one for every camera of the rig.
+    rig
+        Which camera took which frame.
+    lens
+        Name of the lens that the last adjustment fits.
     executor
         Where pairs are worked on side by side.
 
@@ -107,23 +118,49 @@ def self_calibrate(evidence: Evidence, starts: Sequence[Camera], count: int, exe
     """
     few, more = evidence.strongest_pairs(2), evidence.strongest_pairs(5)
 
-    def improve(camera: Camera, links: Sequence[Link], free: Sequence[str], scales: Sequence[float]) -> Adjustment:
+    def improve(
+        cameras: Sequence[Camera], links: Sequence[Link], free: Sequence[str], scales: Sequence[float]
+    ) -> Adjustment:
         sampled = [thinned(link, _SAMPLE) for link in links]
-        return solve_links(sampled, count, camera, free, scales, tolerance=1e-4).adjustment
+        return solve_links(sampled, rig, cameras, free, scales, tolerance=1e-4).adjustment
 
-    camera = _best_start(starts, lambda start: evidence.links(start, _START * start.image_radius, executor, few))
-    links = evidence.links(camera, _START * camera.image_radius, executor, more)
-    camera = as_bakstein_pajdla(improve(camera, links, ("f_px",), (10.0,)).camera)
-    lens = tuple(p.key for p in camera.lens.parameters)
-    square = (*lens, "centre_u_px", "centre_v_px")
-    for tolerance, free, scales in ((0.015, lens, (5.0,)), (0.01, square, (5.0, 2.0)), (0.005, square, (4.0, 1.0))):
-        links = evidence.links(camera, max(tolerance * camera.image_radius, TOLERANCE_PX), executor, more)
-        camera = improve(camera, links, free, scales).camera
-    plain, oblong = (improve(camera, links, free, (1.0,)) for free in (square, (*square, "aspect")))
+    cameras = _best_start(starts, lambda start: evidence.links(start, _START * start[0].image_radius, executor, few))
+    links = evidence.links(cameras, _START * cameras[0].image_radius, executor, more)
+    cameras = tuple(map(as_bakstein_pajdla, improve(cameras, links, ("f_px",), (10.0,)).cameras))
+    shape = _lens_names(cameras)
+    square = (*shape, "centre_u_px", "centre_v_px")
+    for tolerance, free, scales in ((0.015, shape, (5.0,)), (0.01, square, (5.0, 2.0)), (0.005, square, (4.0, 1.0))):
+        tolerance_px = max(tolerance * cameras[0].image_radius, TOLERANCE_PX)
+        links = evidence.links(cameras, tolerance_px, executor, more)
+        cameras = improve(cameras, links, free, scales).cameras
+    plain, oblong = (improve(cameras, links, free, (1.0,)) for free in (square, (*square, "aspect")))
     better, free = (oblong, (*square, "aspect")) if oblong.cost < _CLEARLY_BETTER * plain.cost else (plain, square)
-    return solve_links(evidence.links(better.camera, TOLERANCE_PX, executor), count, better.camera, free)
+    cameras = better.cameras
+    if lens != BaksteinPajdla.projection:
+        cameras = tuple(with_lens(camera, lens) for camera in cameras)
+        free = (*_lens_names(cameras), *free[len(shape) :])
+    return solve_links(evidence.links(cameras, TOLERANCE_PX, executor), rig, cameras, free)
 
 
-def _best_start(cameras: Sequence[Camera], links_of: Callable[[Camera], list[Link]]) -> Camera:
-    """The camera with which most matches agree on rotations."""
-    return max(cameras, key=lambda camera: sum(len(link.pixels_i) for link in links_of(camera)))
+def with_lens(camera: Camera, projection: str) -> Camera:
+    """The camera with the lens of that name whose curve is nearest to its own.
+
+    Raises
+    ------
+    GeometryError
+        If no such lens images the whole field of view.
+    """
+    theta = np.linspace(0, camera.half_fov, 100)
+    nearest, *_ = fitted_lenses(LENSES[projection], theta, camera.lens.radius(theta))
+    return dataclasses.replace(camera, lens=nearest)
+
+
+def _lens_names(cameras: Sequence[Camera]) -> tuple[str, ...]:
+    return tuple(p.key for p in cameras[0].lens.parameters)
+
+
+def _best_start(
+    starts: Sequence[tuple[Camera, ...]], links_of: Callable[[tuple[Camera, ...]], list[Link]]
+) -> tuple[Camera, ...]:
+    """The cameras with which most matches agree on rotations."""
+    return max(starts, key=lambda cameras: sum(len(link.pixels_i) for link in links_of(cameras)))

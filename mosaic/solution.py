@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import GeometryError
+from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.adjust import Adjustment, adjust
 from fullsphere.mosaic.matching import MIN_INLIERS
 from fullsphere.mosaic.orientation import connected_groups, disagreement_deg, first_orientations
 from fullsphere.mosaic.project import Link
+from fullsphere.mosaic.rig import Rig
 
 _AGREEMENT_DEG = 6.0  # a link further from the averaged orientations is of another thing that looks the same
 _MOST_MATCHES = 100_000  # adjusted at once: more do not make the orientations better, only slower
@@ -30,11 +32,12 @@ class Solution(NamedTuple):
 
 def solve_links(
     links: Sequence[Link],
-    count: int,
-    camera: Camera,
+    rig: Rig,
+    cameras: Sequence[Camera],
     free: Sequence[str] = (),
     robust_scales_px: Sequence[float] = (16.0, 4.0, 1.0),
     tolerance: float = 1e-7,
+    known: Sequence[FloatArray | None] = (),
 ) -> Solution:
     """Largest group, first orientations without the links that contradict them, adjustment.
 
@@ -42,9 +45,9 @@ def solve_links(
     ----------
     links
         Between any of the frames.
-    count
-        How many frames there are.
-    camera, free, tolerance
+    rig
+        Which camera took which frame, for all frames.
+    cameras, free, tolerance, known
         As for `adjust`.
     robust_scales_px
         One adjustment for each: with a scale that falls in steps a loop that does not close yet is pulled shut first,
@@ -55,6 +58,7 @@ def solve_links(
     GeometryError
         If the links hold no two frames together.
     """
+    count = len(rig.camera_of)
     group = connected_groups(links, count)[0]
     if len(group) < 2:
         raise GeometryError(
@@ -71,9 +75,18 @@ def solve_links(
     used = [thinned(link, max(MIN_INLIERS, _MOST_MATCHES // len(kept))) for link in kept]
     for scale in robust_scales_px:
         last = scale == robust_scales_px[-1]
-        adjustment = adjust(used, rotations, group, camera, free, scale, tolerance if last else 1e-3)
-        rotations, camera = adjustment.rotations, adjustment.camera
+        adjustment = adjust(used, rotations, group, cameras, free, scale, tolerance if last else 1e-3, rig, known)
+        rotations, cameras = adjustment.rotations, adjustment.cameras
     return Solution(kept, group, adjustment)
+
+
+def refined(solution: Solution, rig: Rig, known: Sequence[FloatArray | None]) -> Solution:
+    """The solution with the cameras adjusted too, held by the covariances with which they are known."""
+    links, group, (rotations, cameras, *_) = solution
+    names = tuple(dict.fromkeys(name for camera in cameras for name in camera.parameter_names))
+    free = tuple(name for name in names if known or name != "aspect")
+    used = [thinned(link, max(MIN_INLIERS, _MOST_MATCHES // len(links))) for link in links]
+    return Solution(links, group, adjust(used, rotations, group, cameras, free, rig=rig, known=known))
 
 
 def thinned(link: Link, most: int) -> Link:

@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 
 from fullsphere.model.camera import Camera
+from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.links import Progress
+from fullsphere.mosaic.options import DEFAULT, Options
 from fullsphere.mosaic.photometry import estimate_photometry
 from fullsphere.mosaic.project import Frame, Mosaic
 from fullsphere.mosaic.register import no_progress, register
@@ -15,12 +17,14 @@ from fullsphere.mosaic.register import no_progress, register
 
 def solve(
     frames: Sequence[Frame],
-    camera: Camera | None = None,
+    cameras: Camera | Sequence[Camera] | None = None,
     executor: Executor | None = None,
     progress: Progress = no_progress,
+    options: Options = DEFAULT,
+    known: Sequence[FloatArray | None] = (),
 ) -> Mosaic:
     """Register the frames and even out their exposure; see `register` for the parameters and errors."""
-    mosaic = register(frames, camera, executor, progress)
+    mosaic = register(frames, cameras, executor, progress, options, known)
     photometry = estimate_photometry(mosaic.registered, mosaic.camera, executor)
     exposure = iter(photometry.exposure_ev.tolist())
     evened = tuple(
