@@ -11,8 +11,15 @@ from typing import Any
 from fullsphere.model.errors import InputError
 from fullsphere.model.files import sha256_of
 from fullsphere.model.images import read_picture
+from fullsphere.model.pose_metadata import told_pose
 from fullsphere.model.workers import ordered_map
+from fullsphere.mosaic.loading import loader
+from fullsphere.mosaic.masks import Masks, masked
+from fullsphere.mosaic.orientation_tag import quarter_turns
+from fullsphere.mosaic.priors import with_prior
 from fullsphere.mosaic.project import Frame
+from fullsphere.mosaic.rim import common_circle
+from fullsphere.mosaic.turned import turned_back
 
 
 def open_frames(
@@ -20,11 +27,15 @@ def open_frames(
     size: tuple[int, int] | None = None,
     executor: Executor | None = None,
     progress: Callable[..., Any] | None = None,
+    *,
+    centre_px: tuple[float, float] | None = None,
+    masks: Masks | None = None,
 ) -> list[Frame]:
     """A frame for each file, in the order given.
 
-    A file that cannot be read, that holds the same bytes as an earlier one, or whose size is not that of the camera
-    is left out with the reason.
+    Pixels are taken as stored, whatever the EXIF orientation, which only tells how far from upright they are.  A file
+    with width and height exchanged was turned by a program and is turned back.  A file that cannot be read, that holds
+    the same bytes as an earlier one, or of another size is left out with the reason.
 
     Parameters
     ----------
@@ -36,35 +47,74 @@ def open_frames(
         Where files are read side by side.
     progress
         Wraps the loop over the files.
+    centre_px
+        The camera's image centre, where it is known: it tells which way a turned file was turned.
+    masks
+        Where the frames' masks are.
 
     Raises
     ------
     InputError
-        If a file does not exist, or fewer than two frames are left; the message says why of the first that are not.
+        If a file does not exist, a mask cannot be used, or fewer than two frames are left; the message says why of the
+        first that are not.
+    """
+    frames = read_files(paths, executor, progress)
+    wanted = size or usual_size(frames)
+    frames = _turned_back(frames, wanted, centre_px)
+    frames = without_doubles(of_one_size(frames, wanted, "the camera is for" if size else "most frames have"))
+    refuse_if_fewer(frames, 2, "a mosaic needs at least two frames")
+    return frames if masks is None else masked(frames, masks, executor)
+
+
+def read_files(
+    paths: Sequence[Path], executor: Executor | None = None, progress: Callable[..., Any] | None = None
+) -> list[Frame]:
+    """A frame for each file, of whatever size; each is decoded once, and left out if it is damaged.
+
+    Raises
+    ------
+    InputError
+        If a file does not exist.
     """
     for path in paths:
         if not path.exists():  # a slip of the pen, to be told before the work; a damaged file is another matter
             raise InputError(f"{path}: there is no such file; check the name")
     ids = _unique_names(paths)
-    opened = ordered_map(executor, _open, list(zip(ids, paths, strict=True)), ahead=4)
-    frames = list(progress(opened, title="reading frames", total=len(paths)) if progress else opened)
-    wanted = size or _usual_size(frames)
+    opened = ordered_map(executor, _read, list(zip(ids, paths, strict=True)), ahead=4)
+    return list(progress(opened, title="reading frames", total=len(paths)) if progress else opened)
+
+
+def usual_size(frames: Sequence[Frame]) -> tuple[int, int]:
+    """Width and height that most of the frames have."""
+    sizes = Counter(frame.size for frame in frames if not frame.reason)
+    return sizes.most_common(1)[0][0] if sizes else (0, 0)
+
+
+def of_one_size(frames: Sequence[Frame], wanted: tuple[int, int], asked: str) -> list[Frame]:
+    """The frames, those of another size left out; `asked` says who wants the size, before it."""
+    return [frame if frame.reason or frame.size == wanted else _of_other_size(frame, wanted, asked) for frame in frames]
+
+
+def without_doubles(frames: Sequence[Frame]) -> list[Frame]:
+    """The frames, those left out whose file holds the same bytes as that of an earlier one."""
     first_with: dict[str, str] = {}
-    for k, frame in enumerate(frames):
-        if frame.reason:
-            continue
-        if frame.size != wanted:
-            asked = "the camera is for" if size else "most frames have"
-            frames[k] = frame.left_out(
-                f"is {frame.size[0]} x {frame.size[1]} pixels, {asked} {wanted[0]} x {wanted[1]}"
-            )
-        elif frame.sha256 in first_with:
-            frames[k] = frame.left_out(f"is the same file as {first_with[frame.sha256]}")
-        else:
-            first_with[frame.sha256] = frame.id
-    if len(first_with) < 2:
-        _refuse(frames)
-    return frames
+    kept = []
+    for frame in frames:
+        first = first_with.setdefault(frame.sha256, frame.id) if not frame.reason else frame.id
+        kept.append(frame if first == frame.id else frame.left_out(f"is the same file as {first}"))
+    return kept
+
+
+def refuse_if_fewer(frames: Sequence[Frame], least: int, need: str) -> None:
+    """InputError with the first reasons if fewer than `least` frames are left; `need` begins the message."""
+    reasons = [f"{frame.id}: {frame.reason}" for frame in frames if frame.reason]
+    usable = len(frames) - len(reasons)
+    if usable >= least:
+        return
+    message = f"{need}, and {usable} of the {len(frames)} given can be used"
+    if reasons:
+        message += f" ({'; '.join(reasons[:3])}{' ...' if len(reasons) > 3 else ''})"
+    raise InputError(message)
 
 
 def _unique_names(paths: Sequence[Path]) -> list[str]:
@@ -73,30 +123,35 @@ def _unique_names(paths: Sequence[Path]) -> list[str]:
     return [path.name if often[path.name] == 1 else path.as_posix() for path in paths]
 
 
-def _open(named: tuple[str, Path]) -> Frame:
+def _read(named: tuple[str, Path]) -> Frame:
     name, path = named
     try:
-        pixels = read_picture(path).pixels
+        picture = read_picture(path)
+        told, sha256 = told_pose(path), sha256_of(path)
     except InputError as error:
         reason = str(error).removeprefix(f"{path}: ")
         return Frame(name, str(path), (0, 0), _nothing, reason=reason)
-    height, width = pixels.shape[:2]
-    return Frame(name, str(path), (width, height), lambda: read_picture(path).pixels, sha256_of(path))
+    height, width = picture.pixels.shape[:2]
+    turns = quarter_turns(picture.orientation)
+    frame = Frame(name, str(path), (width, height), loader(path), sha256, quarter_turns=turns)
+    return with_prior(frame, told, turns)
+
+
+def _of_other_size(frame: Frame, wanted: tuple[int, int], asked: str) -> Frame:
+    this, that = (f"{width} x {height}" for width, height in (frame.size, wanted))
+    return frame.left_out(f"is {this} pixels, {asked} {that}")
 
 
 def _nothing() -> Any:
     raise InputError("a frame that could not be read was asked for its pixels")
 
 
-def _usual_size(frames: Sequence[Frame]) -> tuple[int, int]:
-    sizes = Counter(frame.size for frame in frames if not frame.reason)
-    return sizes.most_common(1)[0][0] if sizes else (0, 0)
-
-
-def _refuse(frames: Sequence[Frame]) -> None:
-    reasons = [f"{frame.id}: {frame.reason}" for frame in frames if frame.reason]
-    usable = len(frames) - len(reasons)
-    message = f"a mosaic needs at least two frames, and {usable} of the {len(frames)} given can be used"
-    if reasons:
-        message += f" ({'; '.join(reasons[:3])}{' ...' if len(reasons) > 3 else ''})"
-    raise InputError(message)
+def _turned_back(
+    frames: Sequence[Frame], wanted: tuple[int, int], centre_px: tuple[float, float] | None
+) -> list[Frame]:
+    """The frames, those turned back whose width and height are exchanged."""
+    is_turned = [not frame.reason and frame.size == wanted[::-1] != wanted for frame in frames]
+    if any(is_turned) and centre_px is None:
+        circle = common_circle([frame for frame in frames if not frame.reason and frame.size == wanted])
+        centre_px = None if circle is None else circle.centre
+    return [turned_back(f, centre_px) if turned else f for f, turned in zip(frames, is_turned, strict=True)]
