@@ -76,9 +76,9 @@ def fit_rotation(rays_a: FloatArray, rays_b: FloatArray, tolerance: FloatArray, 
     candidates = _two_ray_rotations(rays_a, rays_b, limit, np.random.default_rng(seed))
     if len(candidates) == 0:
         return None
-    turned = np.einsum("tij,nj->tni", candidates, rays_a)
-    cost = np.minimum(((turned - rays_b) ** 2).sum(-1) / limit**2, 1.0).sum(1)
-    rotation = candidates[cost.argmin()]
+    products = (rays_b[:, :, None] * rays_a[:, None, :]).reshape(n, 9)
+    chord2 = 2 - 2 * candidates.reshape(-1, 9) @ products.T  # |b - R a|^2 of unit rays, as one matrix product
+    rotation = candidates[np.minimum(chord2 / limit**2, 1.0).sum(1).argmin()]
     inliers = np.zeros(n, bool)
     for _ in range(20):
         now = np.linalg.norm(rays_a @ rotation.T - rays_b, axis=1) < limit
