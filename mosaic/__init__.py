@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from fullsphere.mosaic.project import Frame, Link, Mosaic
     from fullsphere.mosaic.register import register
     from fullsphere.mosaic.stitch import solve
-    from fullsphere.mosaic.store import save_mosaic
+    from fullsphere.mosaic.store import load_mosaic, save_mosaic
 
-__all__ = ["Frame", "Link", "Mosaic", "compose", "open_frames", "register", "save_mosaic", "solve"]
+__all__ = ["Frame", "Link", "Mosaic", "compose", "load_mosaic", "open_frames", "register", "save_mosaic", "solve"]
 
 offer(
     __name__,
@@ -25,6 +25,6 @@ offer(
         "project": ("Frame", "Link", "Mosaic"),
         "register": ("register",),
         "stitch": ("solve",),
-        "store": ("save_mosaic",),
+        "store": ("load_mosaic", "save_mosaic"),
     },
 )
