@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import NamedTuple
 
@@ -25,6 +25,7 @@ from fullsphere.model.source_picture import BORDER, Samples, SourcePicture, sour
 from fullsphere.model.surface import Equirectangular
 from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.blend import Feather
+from fullsphere.mosaic.masks import used
 from fullsphere.mosaic.project import Frame, Mosaic
 
 FRAME_CACHE_BYTES = 2 << 30
@@ -74,9 +75,9 @@ def compose(
     ------
     Bands of rows from top to bottom that partition the picture.
     """
-    lights = _LightCache(mosaic.camera)
+    lights = _LightCache(mosaic.cameras)
     geometries = {
-        frame.id: Geometry(mosaic.camera, surface, frame.camera_from_world, BORDER)
+        frame.id: Geometry(mosaic.cameras[frame.camera], surface, frame.camera_from_world, BORDER)
         for frame in mosaic.registered
         if frame.camera_from_world is not None
     }
@@ -106,9 +107,9 @@ def _blended_tile(
     middle = rays[rays.shape[0] // 2, rays.shape[1] // 2]
     reach = float(np.arccos(np.clip((rays @ middle).min(), -1, 1)))
     for frame in mosaic.registered:
-        turn = frame.camera_from_world
+        turn, camera = frame.camera_from_world, mosaic.cameras[frame.camera]
         assert turn is not None
-        if math.acos(float(np.clip(turn[2] @ middle, -1, 1))) > mosaic.camera.half_fov + reach:
+        if math.acos(float(np.clip(turn[2] @ middle, -1, 1))) > camera.half_fov + reach:
             continue
         around = slice(rows.start - 1, rows.stop + 1), slice(columns.start - 1, columns.stop + 1)
         found = geometries[frame.id].positions(*around)
@@ -116,7 +117,7 @@ def _blended_tile(
             continue
         pixels = np.stack([found.u[1:-1, 1:-1], found.v[1:-1, 1:-1]], -1, dtype=np.float32) - np.float32(BORDER)
         theta = np.arccos(np.clip(rays @ turn[2], -1, 1)).astype(np.float32)
-        weight = frame_weight(mosaic.camera, theta, pixels)
+        weight = frame_weight(camera, theta, pixels)
         if not weight.any():
             continue
         light = lights.of(frame)
@@ -126,7 +127,7 @@ def _blended_tile(
             weight *= _trust(colour.max(-1))
         if sampled.shape[-1] == 4:
             weight = weight * (sampled[..., 3] > 0.999)
-        s = (theta / mosaic.camera.half_fov) ** 2
+        s = (theta / camera.half_fov) ** 2
         w1, w2 = mosaic.vignetting_ev
         gain = np.exp2(-(frame.exposure_ev + w1 * s + w2 * s**2), dtype=np.float32)
         blender.feed(np.maximum(colour, 0) * gain[..., None], weight.astype(np.float32))
@@ -160,8 +161,8 @@ def _trust(brightest: NDArray[np.float32]) -> NDArray[np.float32]:
 class _LightCache:
     """The frames' linear light, the latest used kept in memory; safe to ask from several threads."""
 
-    def __init__(self, camera: Camera) -> None:
-        self._camera = camera
+    def __init__(self, cameras: Sequence[Camera]) -> None:
+        self._cameras = cameras
         self._kept: OrderedDict[str, _Light] = OrderedDict()
         self._lock = threading.Lock()
         self._loading: dict[str, threading.Lock] = {}
@@ -186,11 +187,11 @@ class _LightCache:
         return sum(light.picture.bordered.nbytes for light in self._kept.values())
 
     def _open(self, frame: Frame) -> _Light:
-        picture = frame.load()
+        picture = used(frame)
         colour = linear_from_encoded(picture[..., :3])
         if colour.shape[2] == 1:
             colour = np.repeat(colour, 3, axis=2)
         if picture.shape[2] == 4:
             colour = np.concatenate([colour, (picture[..., 3:] > 0).astype(np.float32)], axis=2)
         samples = Samples(colour.dtype, colour.shape[2], linear_light=False)
-        return _Light(source_picture([(0, colour)], self._camera, samples), picture.dtype != np.float32)
+        return _Light(source_picture([(0, colour)], self._cameras[frame.camera], samples), picture.dtype != np.float32)

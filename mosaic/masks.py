@@ -19,7 +19,7 @@ from fullsphere.model.errors import InputError
 from fullsphere.model.images import picture_size, read_picture
 from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.loading import Crop, cut
-from fullsphere.mosaic.project import Frame
+from fullsphere.mosaic.project import Frame, Picture
 
 Mask = NDArray[np.uint8]
 """(h, w): 255 where a pixel counts, 0 where it does not."""
@@ -103,6 +103,23 @@ def masked(frames: Sequence[Frame], masks: Masks, executor: Executor | None = No
     if not any(frame.mask for frame in given) and any(not frame.reason for frame in frames):
         raise InputError(f"{masks.path}: holds a mask of none of the frames; that of IMG_1.jpg is IMG_1_mask.png")
     return given
+
+
+def used(frame: Frame) -> Picture:
+    """A frame's pixels, those of them transparent that do not count: (h, w, 4) where it has a mask.
+
+    Raises
+    ------
+    InputError
+        If its file or its mask cannot be read any more.
+    """
+    picture = frame.load()
+    if frame.mask is None:
+        return picture
+    opaque = 1 if picture.dtype.kind == "f" else np.iinfo(picture.dtype).max
+    alpha = picture[..., 3] if picture.shape[2] == 4 else np.full(picture.shape[:2], opaque, picture.dtype)
+    colour = np.broadcast_to(picture[..., :3], (*picture.shape[:2], 3))
+    return np.dstack([colour, np.where(frame.mask() > 0, alpha, 0).astype(picture.dtype)])
 
 
 def _with_mask(frame: Frame, masks: Masks) -> Frame:

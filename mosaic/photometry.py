@@ -22,6 +22,7 @@ from fullsphere.model.lens import FloatArray
 from fullsphere.model.sampling import sample
 from fullsphere.model.table import RayTable, tabulate
 from fullsphere.model.workers import ordered_map
+from fullsphere.mosaic.masks import used
 from fullsphere.mosaic.project import Frame, Picture
 
 _DIRECTIONS = 20_000
@@ -37,16 +38,20 @@ class Photometry(NamedTuple):
     vignetting_ev: tuple[float, float]
 
 
-def estimate_photometry(frames: Sequence[Frame], camera: Camera, executor: Executor | None = None) -> Photometry:
+def estimate_photometry(
+    frames: Sequence[Frame], cameras: Camera | Sequence[Camera], executor: Executor | None = None
+) -> Photometry:
     """Exposures of registered frames and the vignetting they share; frames are opened side by side on `executor`.
 
-    Frames that share no usable direction with any other keep the mean exposure.
+    Frames that share no usable direction with any other keep the mean exposure.  `cameras` are in the order of
+    `Frame.camera`.
     """
-    table, rays = tabulate(camera, 1e-3), _even_directions(_DIRECTIONS)
+    each = (cameras,) if isinstance(cameras, Camera) else cameras
+    tables, rays = [tabulate(camera, 1e-3) for camera in each], _even_directions(_DIRECTIONS)
 
     def levels(frame: Frame) -> tuple[FloatArray, FloatArray]:
         assert frame.camera_from_world is not None
-        return _levels(frame.load(), table, rays, frame.camera_from_world)
+        return _levels(used(frame), tables[frame.camera], rays, frame.camera_from_world)
 
     level, s = zip(*ordered_map(executor, levels, frames, ahead=4), strict=True)
     return _solve(np.array(level), np.array(s))

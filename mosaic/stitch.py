@@ -25,7 +25,7 @@ def solve(
 ) -> Mosaic:
     """Register the frames and even out their exposure; see `register` for the parameters and errors."""
     mosaic = register(frames, cameras, executor, progress, options, known)
-    photometry = estimate_photometry(mosaic.registered, mosaic.camera, executor)
+    photometry = estimate_photometry(mosaic.registered, mosaic.cameras, executor)
     exposure = iter(photometry.exposure_ev.tolist())
     evened = tuple(
         dataclasses.replace(frame, exposure_ev=next(exposure)) if frame.registered else frame for frame in mosaic.frames
