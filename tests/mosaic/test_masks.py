@@ -1,6 +1,7 @@
 """What masks keep out of a panorama and of the exposures."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ def masked(frame: Frame, mask: NDArray[np.uint8]) -> Frame:
     return dataclasses.replace(frame, mask=lambda: mask)
 
 
-def panorama(frames: list[Frame]) -> NDArray[np.generic]:
+def panorama(frames: list[Frame]) -> NDArray[Any]:
     bands = compose(Mosaic((CAMERA,), tuple(frames), ()), SURFACE, np.float32)
     return np.concatenate([band.rows for band in bands])
 
@@ -81,7 +82,7 @@ def test_exposures_do_not_see_what_is_masked() -> None:
 
 @pytest.mark.parametrize("channels", [1, 3, 4])
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
-def test_what_does_not_count_is_transparent(channels: int, kind: type[np.generic]) -> None:
+def test_what_does_not_count_is_transparent(channels: int, kind: type[Any]) -> None:
     picture: Picture = srgb8(np.random.default_rng(0).random((6, 8, channels))).astype(kind)
     mask = np.zeros((6, 8), np.uint8)
     mask[2:, 1:] = 255
@@ -102,7 +103,7 @@ def test_cameras_of_a_rig_each_show_their_frames() -> None:
     light = frames_of(smooth_light, CAMERA, np.array(turns[:1]))[0]
     back = dataclasses.replace(frames_of(smooth_light, other, np.array(turns[1:]))[0], id="back", camera=1)
     bands = compose(Mosaic((CAMERA, other), (light, back), ()), SURFACE, np.float32)
-    result = np.concatenate([band.rows for band in bands])
+    result: NDArray[Any] = np.concatenate([band.rows for band in bands])
     np.testing.assert_array_equal(result[..., 3], 1)
     np.testing.assert_allclose(result[..., :3], smooth_panorama(300), atol=6e-3)
     exposures = estimate_photometry([light, back], (CAMERA, other)).exposure_ev
