@@ -13,6 +13,7 @@ from fullsphere.model.files import sha256_of
 from fullsphere.model.images import read_picture
 from fullsphere.model.pose_metadata import told_pose
 from fullsphere.model.workers import ordered_map
+from fullsphere.mosaic.common_cut import cut_alike
 from fullsphere.mosaic.loading import loader
 from fullsphere.mosaic.masks import Masks, masked
 from fullsphere.mosaic.orientation_tag import quarter_turns
@@ -34,8 +35,9 @@ def open_frames(
     """A frame for each file, in the order given.
 
     Pixels are taken as stored, whatever the EXIF orientation, which only tells how far from upright they are.  A file
-    with width and height exchanged was turned by a program and is turned back.  A file that cannot be read, that holds
-    the same bytes as an earlier one, or of another size is left out with the reason.
+    with width and height exchanged was turned by a program and is turned back.  Sizes that differ by up to a hundredth
+    are cut to what all have, unless a camera asks for one.  A file that cannot be read, that holds the same bytes as an
+    earlier one, or of another size is left out with the reason.
 
     Parameters
     ----------
@@ -61,6 +63,9 @@ def open_frames(
     frames = read_files(paths, executor, progress)
     wanted = size or usual_size(frames)
     frames = _turned_back(frames, wanted, centre_px)
+    if size is None:
+        frames = cut_alike(frames, wanted)
+        wanted = usual_size(frames)
     frames = without_doubles(of_one_size(frames, wanted, "the camera is for" if size else "most frames have"))
     refuse_if_fewer(frames, 2, "a mosaic needs at least two frames")
     return frames if masks is None else masked(frames, masks, executor)

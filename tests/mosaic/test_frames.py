@@ -72,6 +72,35 @@ def test_mixed_sizes_leave_the_fewer_out_and_say_both_sizes(tmp_path: Path) -> N
     assert frames[3].reason == "is 24 x 16 pixels, most frames have 48 x 32"
 
 
+def test_sizes_that_differ_by_a_few_pixels_are_cut_to_what_all_have(tmp_path: Path) -> None:
+    sizes = [(300, 200), (300, 200), (298, 202), (303, 200), (300, 200), (300, 210)]
+    frames = open_frames([picture_file(tmp_path / f"f{k}.png", scene(k, size)) for k, size in enumerate(sizes)])
+    assert [frame.size for frame in frames[:5]] == [(298, 200)] * 5 and not any(frame.reason for frame in frames[:5])
+    assert frames[5].reason == "is 300 x 210 pixels, most frames have 298 x 200"
+    assert [frame.crop_px for frame in frames[:4]] == [
+        (1, 0, 298, 200),
+        (1, 0, 298, 200),
+        (0, 1, 298, 200),
+        (2, 0, 298, 200),
+    ]
+    assert np.array_equal(frames[3].load(), scene(3, (303, 200))[:, 2:300])
+
+
+def test_a_turned_file_is_cut_like_the_others(tmp_path: Path) -> None:
+    paths = [picture_file(tmp_path / f"f{k}.png", scene(k, (300, 200))) for k in range(2)]
+    paths += [picture_file(tmp_path / "small.png", scene(3, (298, 198)))]
+    turned = picture_file(tmp_path / "turned.png", np.ascontiguousarray(np.rot90(scene(9, (300, 200)))))
+    frame = open_frames([*paths, turned])[3]
+    assert frame.size == (298, 198) and frame.turned == 1
+    assert np.array_equal(frame.load(), scene(9, (300, 200))[1:199, 1:299])
+
+
+def test_a_camera_asks_for_its_size_to_the_pixel(tmp_path: Path) -> None:
+    sizes = [(300, 200), (300, 200), (301, 200)]
+    paths = [picture_file(tmp_path / f"f{k}.png", scene(k, size)) for k, size in enumerate(sizes)]
+    assert [bool(frame.reason) for frame in open_frames(paths, (300, 200))] == [False, False, True]
+
+
 def test_frames_of_another_size_than_the_camera_are_left_out(tmp_path: Path) -> None:
     paths = [*written(tmp_path, 3), *(picture_file(tmp_path / f"s{k}.png", scene(k, (24, 16))) for k in range(2))]
     frames = open_frames(paths, (24, 16))
