@@ -62,7 +62,8 @@ def load_mask(path: Path, size: tuple[int, int], frame: str, crop_px: Crop | Non
     path
         A picture, grey or in colour.
     size
-        Width and height that it has to have: those of the frame's file.
+        Width and height of the frame's file.  A mask may have them, and is cut and turned as the frame is; or it has
+        those of the frame, and lies as its camera holds pictures.
     frame
         The frame's name, for errors.
     crop_px, turned
@@ -75,7 +76,9 @@ def load_mask(path: Path, size: tuple[int, int], frame: str, crop_px: Crop | Non
     """
     pixels = read_picture(path).pixels
     height, width = pixels.shape[:2]
-    if (width, height) != size:
+    own = size if crop_px is None else crop_px[2:]
+    own = own if turned % 2 == 0 else own[::-1]
+    if (width, height) not in (size, own):
         raise InputError(
             f"{path}: is a mask of {width} x {height} pixels, {frame} has {size[0]} x {size[1]}; give them one size"
         )
@@ -83,7 +86,9 @@ def load_mask(path: Path, size: tuple[int, int], frame: str, crop_px: Crop | Non
     counts = pixels[..., :3].max(-1) >= 0.5 * white
     if pixels.shape[2] == 4:
         counts &= pixels[..., 3] >= 0.5 * white
-    mask = cut(path, np.where(counts, 255, 0).astype(np.uint8), crop_px, turned)
+    mask = np.where(counts, 255, 0).astype(np.uint8)
+    if (width, height) == size:
+        mask = cut(path, mask, crop_px, turned)
     if not mask.any():
         raise InputError(f"{path}: is black all over {frame}; what counts is white in a mask, what does not is black")
     return mask
@@ -91,8 +96,6 @@ def load_mask(path: Path, size: tuple[int, int], frame: str, crop_px: Crop | Non
 
 def masked(frames: Sequence[Frame], masks: Masks, executor: Executor | None = None) -> list[Frame]:
     """The frames with their masks, each of which is read once to see that it can be used.
-
-    The mask of all frames lies as the camera holds its pictures, a frame's own as its file does.
 
     Raises
     ------
@@ -126,10 +129,6 @@ def _with_mask(frame: Frame, masks: Masks) -> Frame:
     path = None if frame.reason else masks.of(Path(frame.image))
     if path is None:
         return frame
-    turned = 0 if masks.for_all else frame.turned
-    size = frame.size if turned % 2 == 0 else frame.size[::-1]
-    if frame.crop_px is not None:
-        size = picture_size(Path(frame.image))
-    load = functools.partial(load_mask, path, size, frame.id, frame.crop_px, turned)
+    load = functools.partial(load_mask, path, picture_size(Path(frame.image)), frame.id, frame.crop_px, frame.turned)
     load()
     return dataclasses.replace(frame, mask=load, mask_image=str(path))

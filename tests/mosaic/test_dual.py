@@ -85,8 +85,16 @@ def test_a_mask_is_of_the_whole_picture(tmp_path: Path) -> None:
     left, right = open_dual_frames([path], masks=open_masks(picture_file(tmp_path / "mask.png", mask)))
     assert left.mask is not None and right.mask is not None
     assert left.mask().all() and np.array_equal(right.mask(), mask[:, 200:, 0])
-    with pytest.raises(InputError, match=r"is a mask of 200 x 200 pixels, d\.png:left has 400 x 200"):
-        open_dual_frames([path], masks=open_masks(picture_file(tmp_path / "half.png", mask[:, :200])))
+    with pytest.raises(InputError, match=r"is a mask of 200 x 100 pixels, d\.png:left has 400 x 200"):
+        open_dual_frames([path], masks=open_masks(picture_file(tmp_path / "low.png", mask[:100, :200])))
+
+
+def test_a_mask_of_one_half_is_for_both(tmp_path: Path) -> None:
+    path = picture_file(tmp_path / "d.png", dual(0))
+    mask = np.full((200, 200, 1), 255, np.uint8)
+    mask[150:] = 0
+    for half in open_dual_frames([path], masks=open_masks(picture_file(tmp_path / "mask.png", mask))):
+        assert half.mask is not None and np.array_equal(half.mask(), mask[..., 0])
 
 
 @pytest.mark.skipif(not PHOTOS.is_dir(), reason="no photos of a dual-fisheye camera here")
