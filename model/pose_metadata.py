@@ -20,18 +20,23 @@ class ToldPose(NamedTuple):
     roll_deg: float
 
 
-# Yaw, pitch, roll as Google's Photo Sphere metadata and DJI's drones name them; both have the signs of ToldPose:
-# heading clockwise from north, pitch up, and "as roll increases, the horizon rotates counterclockwise in the image".
+_GIMBAL_ROLL = "drone-dji:GimbalRollDegree"
+_HALF_TURN_DEG = 179.0  # other programs take a gimbal's roll of +-180 for 0: as it stands, it would turn up into down
+
+# Yaw, pitch, roll as Google's Photo Sphere metadata and DJI's drones name them; both have the signs of ToldPose.
+# Google: heading clockwise from north, pitch up, and "as roll increases, the horizon rotates counterclockwise".
+# DJI (manual of the Mavic 3E): the axes north, east, down, turned in the order ZYX.
 _NAMES = (
     ("GPano:PoseHeadingDegrees", "GPano:PosePitchDegrees", "GPano:PoseRollDegrees"),
-    ("drone-dji:GimbalYawDegree", "drone-dji:GimbalPitchDegree", "drone-dji:GimbalRollDegree"),
+    ("drone-dji:GimbalYawDegree", "drone-dji:GimbalPitchDegree", _GIMBAL_ROLL),
 )
 
 
 def told_pose(path: Path) -> ToldPose | None:
     """The pose of the upright picture that a file tells; None if it tells none.
 
-    A pose is taken only with its pitch and roll: a heading alone says nothing about up.
+    A pose is taken only with its pitch and roll: a heading alone says nothing about up.  That of a drone which notes
+    its gimbal upside down is not taken.
 
     Raises
     ------
@@ -41,7 +46,9 @@ def told_pose(path: Path) -> ToldPose | None:
     with opened(Path(path), by_region=True) as (_, spec):
         for names in _NAMES:
             yaw, pitch, roll = (_degrees(spec, name) for name in names)
-            if pitch is not None and roll is not None and abs(pitch) <= 90:
+            if pitch is None or roll is None or abs(pitch) > 90:
+                continue
+            if names[2] != _GIMBAL_ROLL or abs(roll) < _HALF_TURN_DEG:
                 return ToldPose(yaw, pitch, roll)
     return None
 
