@@ -13,7 +13,7 @@ import numpy as np
 from fullsphere.model.camera import Camera
 from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.features import Features
-from fullsphere.mosaic.matching import Matches, fit_rotation, match_features
+from fullsphere.mosaic.matching import NO_MATCHES, Matches, fit_rotation, held_back, match_features
 from fullsphere.mosaic.project import Link
 
 Pair = tuple[int, int]
@@ -27,11 +27,13 @@ class Evidence:
     """All that is known without a camera: the keypoints of each frame by its index, the matches of each pair i < j.
 
     `camera_of` tells the index of the camera that took a frame; frames it does not name were taken by the first.
+    `held` are the matches of each pair that are kept from every fit, to measure the result by.
     """
 
     features: Mapping[int, Features]
     matches: Mapping[Pair, Matches]
     camera_of: Mapping[int, int] = dataclasses.field(default_factory=dict)
+    held: Mapping[Pair, Matches] = dataclasses.field(default_factory=dict)
 
     def strongest_pairs(self, partners: int) -> list[Pair]:
         """For each frame the pairs with the `partners` others that it has most matches with, in order."""
@@ -50,6 +52,9 @@ class Evidence:
         pairs: Sequence[Pair] | None = None,
     ) -> list[Link]:
         """Links of the pairs whose matches agree with a rotation under the cameras.
+
+        The matches held back are in them all, right or wrong, where both cameras see the keypoints: what agrees is not
+        for a fit to choose.
 
         Parameters
         ----------
@@ -75,15 +80,23 @@ class Evidence:
             if fit is None:
                 return None
             a, b = self.features[i].pixels[first[fit.inliers]], self.features[j].pixels[second[fit.inliers]]
-            return Link(i, j, a, b, fit.rotation)
+            held = self.held.get(pair, NO_MATCHES)
+            seen = np.isfinite(rays[i][held.first, 0]) & np.isfinite(rays[j][held.second, 0])
+            held_i, held_j = self.features[i].pixels[held.first[seen]], self.features[j].pixels[held.second[seen]]
+            return Link(i, j, a, b, fit.rotation, held_i, held_j)
 
         found = ordered_map(executor, link, list(self.matches) if pairs is None else pairs)
         return [one for one in found if one is not None]
 
 
 def gather_evidence(features: Mapping[int, Features], executor: Executor | None, progress: Progress) -> Evidence:
-    """Match the keypoints of all pairs of frames."""
+    """Match the keypoints of all pairs of frames; one match in five is held back."""
     pairs = list(itertools.combinations(features, 2))
     matched = ordered_map(executor, lambda pair: match_features(features[pair[0]], features[pair[1]]), pairs)
-    matches = dict(zip(pairs, progress(matched, title="matching frames", total=len(pairs)), strict=True))
-    return Evidence(features, matches)
+    every = dict(zip(pairs, progress(matched, title="matching frames", total=len(pairs)), strict=True))
+    hold = {pair: held_back(features[pair[0]].pixels[found.first]) for pair, found in every.items()}
+    return Evidence(
+        features,
+        matches={pair: found.where(~hold[pair]) for pair, found in every.items()},
+        held={pair: found.where(hold[pair]) for pair, found in every.items()},
+    )

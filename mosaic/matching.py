@@ -12,6 +12,7 @@ from fullsphere.mosaic.features import Features
 from fullsphere.mosaic.kernels import two_best
 
 RATIO = 0.8  # Lowe's test: the best match is nearer than this times the second best
+HELD_BACK = 5  # one match in so many is never used in a fit
 MIN_INLIERS = 12  # chance agreement with a rotation to a hundredth of the sphere's area does not reach it
 _TRIALS = 600
 _BLOCK = 256  # rows of the similarity matrix at a time: they stay in the processor's cache
@@ -22,6 +23,13 @@ class Matches(NamedTuple):
 
     first: NDArray[np.intp]
     second: NDArray[np.intp]
+
+    def where(self, keep: NDArray[np.bool_]) -> Matches:
+        """Those marked in `keep` (n,)."""
+        return Matches(self.first[keep], self.second[keep])
+
+
+NO_MATCHES = Matches(np.empty(0, np.intp), np.empty(0, np.intp))
 
 
 class RotationFit(NamedTuple):
@@ -34,7 +42,7 @@ class RotationFit(NamedTuple):
 def match_features(a: Features, b: Features) -> Matches:
     """Mutually best matches that pass the ratio test both ways, by one product of the descriptors."""
     if len(a) < 2 or len(b) < 2:
-        return Matches(np.empty(0, np.intp), np.empty(0, np.intp))
+        return NO_MATCHES
     count, other = len(a), len(b)
     best_of_row, rows = np.zeros(count, np.intp), np.full((count, 2), -2, np.float32)
     best_of_column, columns = np.zeros(other, np.intp), np.full((other, 2), -2, np.float32)
@@ -45,6 +53,25 @@ def match_features(a: Features, b: Features) -> Matches:
     mutual = best_of_column[best_of_row] == np.arange(count)
     first = np.flatnonzero(mutual & _clear(rows) & _clear(columns)[best_of_row])
     return Matches(first, best_of_row[first])
+
+
+def held_back(pixels: FloatArray) -> NDArray[np.bool_]:
+    """Whether each keypoint (n, 2) is kept from every fit: one in five, by its place in the picture alone.
+
+    So the choice depends on no order, no thread and no other keypoint, and a keypoint is held back against all frames.
+    The finalizer of SplitMix64 (Steele, Lea & Flood, OOPSLA 2014) over the position in 1/256 px.
+    """
+    steps = np.round(256 * pixels).astype(np.int64).astype(np.uint64)
+    mixed = _mixed(_mixed(steps[:, 0]) ^ steps[:, 1])
+    held: NDArray[np.bool_] = mixed % np.uint64(HELD_BACK) == 0
+    return held
+
+
+def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    x = x + np.uint64(0x9E3779B97F4A7C15)  # wraps round, as it should
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return x ^ (x >> np.uint64(31))
 
 
 def _clear(two: NDArray[np.float32]) -> NDArray[np.bool_]:

@@ -8,7 +8,7 @@ from turning import turn_between
 
 from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.features import Features
-from fullsphere.mosaic.matching import MIN_INLIERS, best_rotation, fit_rotation, match_features
+from fullsphere.mosaic.matching import MIN_INLIERS, best_rotation, fit_rotation, held_back, match_features
 from laws import SEEDS, angle_between, law, rotation
 
 TOLERANCE = 0.01
@@ -137,3 +137,23 @@ def test_frames_without_features_match_nothing(left: int, right: int) -> None:
     rng = np.random.default_rng(0)
     found = match_features(described(left, rng), described(right, rng))
     assert len(found.first) == len(found.second) == 0
+
+
+@given(seed=SEEDS)
+@law(10)
+def test_one_keypoint_in_five_is_held_back_whatever_the_order(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    pixels = rng.uniform(-50, 4000, (4000, 2))
+    held = held_back(pixels)
+    assert abs(held.sum() - 800) < 5 * np.sqrt(4000 * 0.2 * 0.8)
+    order = rng.permutation(4000)
+    np.testing.assert_array_equal(held_back(pixels[order]), held[order])
+    np.testing.assert_array_equal(held_back(pixels[:7]), held[:7])
+
+
+def test_held_back_keypoints_have_no_pattern() -> None:
+    u, v = np.meshgrid(np.arange(300.0), np.arange(200.0))
+    held = held_back(np.stack([u, v], -1).reshape(-1, 2)).reshape(200, 300).astype(float) - 0.2
+    for turned in (held[:, 1:] * held[:, :-1], held[1:] * held[:-1], held[1:, 1:] * held[:-1, :-1]):
+        assert abs(turned.mean()) < 5 * 0.16 / np.sqrt(turned.size)
+    assert abs(held.mean(0)).max() < 5 * 0.4 / np.sqrt(200)
