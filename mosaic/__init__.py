@@ -11,11 +11,25 @@ if TYPE_CHECKING:
     from fullsphere.mosaic.compose import compose
     from fullsphere.mosaic.frames import open_frames
     from fullsphere.mosaic.project import Frame, Link, Mosaic
+    from fullsphere.mosaic.pto import read_pto
+    from fullsphere.mosaic.pto_write import write_pto
     from fullsphere.mosaic.register import register
     from fullsphere.mosaic.stitch import solve
     from fullsphere.mosaic.store import load_mosaic, save_mosaic
 
-__all__ = ["Frame", "Link", "Mosaic", "compose", "load_mosaic", "open_frames", "register", "save_mosaic", "solve"]
+__all__ = [
+    "Frame",
+    "Link",
+    "Mosaic",
+    "compose",
+    "load_mosaic",
+    "open_frames",
+    "read_pto",
+    "register",
+    "save_mosaic",
+    "solve",
+    "write_pto",
+]
 
 offer(
     __name__,
@@ -23,6 +37,8 @@ offer(
         "compose": ("compose",),
         "frames": ("open_frames",),
         "project": ("Frame", "Link", "Mosaic"),
+        "pto": ("read_pto",),
+        "pto_write": ("write_pto",),
         "register": ("register",),
         "stitch": ("solve",),
         "store": ("load_mosaic", "save_mosaic"),

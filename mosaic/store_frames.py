@@ -96,10 +96,18 @@ def checked_mask(mask: Path, image: Path, frame: str, crop_px: Crop | None = Non
     return load_mask(mask, picture_size(image), frame, crop_px, turned)
 
 
+def relative_path(image: str, folder: Path) -> str:
+    """The picture's path seen from the folder, with forward slashes; as it is where there is no such path."""
+    try:
+        return Path(os.path.relpath(image, folder)).as_posix()
+    except ValueError:  # another drive on Windows
+        return Path(image).as_posix()
+
+
 def _frame(frame: Frame, folder: Path) -> dict[str, Any]:
     common = {
         "id": frame.id,
-        "image": _relative(frame.image, folder),
+        "image": relative_path(frame.image, folder),
         "sha256": frame.sha256,
         "size_px": list(frame.size),
         "shot": frame.shot or frame.id,
@@ -107,7 +115,7 @@ def _frame(frame: Frame, folder: Path) -> dict[str, Any]:
         "camera": frame.camera,
         "turned": frame.turned,
         "quarter_turns": frame.quarter_turns,
-        "mask": _relative(frame.mask_image, folder) if frame.mask_image else None,
+        "mask": relative_path(frame.mask_image, folder) if frame.mask_image else None,
         "exposure_ev": frame.exposure_ev,
         "white_balance": _WHITE_BALANCE,
     }
@@ -212,11 +220,3 @@ def _path(data: dict[str, Any], key: str, where: str, folder: Path) -> Path:
     if not text or "\0" in text:
         raise InputError(f"{where}: {key} is {text!r}, not the path of a file")
     return Path(os.path.normpath(folder / text))
-
-
-def _relative(image: str, folder: Path) -> str:
-    """The picture's path seen from the folder, with forward slashes; as it is where there is no such path."""
-    try:
-        return Path(os.path.relpath(image, folder)).as_posix()
-    except ValueError:  # another drive on Windows
-        return Path(image).as_posix()
