@@ -128,7 +128,7 @@ def _measured(args: argparse.Namespace) -> Measured | None:
 
 def _calibrated(args: argparse.Namespace, measured: Measured | None, frames: list[Frame]) -> Camera:
     from fullsphere.model.calibration.points import read_points
-    from fullsphere.mosaic.register import common_circle
+    from fullsphere.mosaic.rim import common_circle
 
     good = [frame for frame in frames if not frame.reason]
     if measured is None:

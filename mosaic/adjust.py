@@ -63,13 +63,24 @@ class Adjustment(NamedTuple):
     cost: float
 
 
+class Known(NamedTuple):
+    """What is known of a camera beforehand: names (k,) of values, the values (k,) and their covariance (k, k)."""
+
+    names: Sequence[str]
+    values: FloatArray
+    covariance: FloatArray
+
+
 class _Problem(NamedTuple):
-    """What stays the same: links and their matches, who took what, the unknowns, beliefs about cameras, the scale."""
+    """What stays the same: links and their matches, who took what, the unknowns and which of
+    the cameras' values are tied together, beliefs about cameras, the scale.
+    """
 
     links: Sequence[Link]
     matches: MatchArrays
     rig: Rig
     unknowns: Unknowns
+    tied: Sequence[int]
     beliefs: Sequence[_Belief]
     scale: float
 
@@ -104,7 +115,8 @@ def adjust(
     robust_scale_px: float = 1.0,
     tolerance: float = 1e-7,
     rig: Rig | None = None,
-    known: Sequence[FloatArray | None] = (),
+    known: Sequence[Known | None] = (),
+    tied: Sequence[str] = (),
 ) -> Adjustment:
     """Refine the rotations of a connected group, and the camera parameters named in `free`.
 
@@ -128,8 +140,10 @@ def adjust(
     rig
         Which camera took which frame, and which were taken at once; by default one camera took each by itself.
     known
-        Covariance (P, P) with which each camera's values are known beforehand; None where nothing is.  A free camera
-        is held by it; the uncertainty of one that is not free goes into that of the rotations.
+        What is known of each camera beforehand; None where nothing is.  A free camera is held by it; the uncertainty
+        of one that is not free goes into that of the rotations.
+    tied
+        Names out of `free` that have one value for all cameras, which then start with it.
 
     Raises
     ------
@@ -137,9 +151,10 @@ def adjust(
         If the matches do not determine the rotations.
     """
     rig = rig or Rig.of_one_camera(len(rotations))
-    unknowns = Unknowns.of(rig, group, free_columns(cameras, free, rig, group))
+    together = [n for n, name in enumerate(cameras[0].parameter_names) if name in tied]
+    unknowns = Unknowns.of(rig, group, free_columns(cameras, free, rig, group), together)
     poses = poses_of(rotations, rig, group, len(cameras))
-    problem = _Problem(links, MatchArrays.of(links), rig, unknowns, (), robust_scale_px)
+    problem = _Problem(links, MatchArrays.of(links), rig, unknowns, together, (), robust_scale_px)
     state = _evaluate(problem, poses, tuple(cameras))
     beliefs = _beliefs(unknowns, cameras, known, _spread(state.residuals) ** 2)
     if beliefs:
@@ -202,32 +217,38 @@ def _rows(problem: _Problem, poses: Poses, cameras: tuple[Camera, ...]) -> Itera
     for link in problem.links:
         own = slice(end, end + len(link.pixels_i))
         end = own.stop
-        blocks: dict[int, FloatArray] = {}
+        blocks: list[tuple[NDArray[np.intp], FloatArray]] = []
         for frame, by_frame, by_camera in (
             (link.i, errors.by_i[own], errors.by_camera_i[own]),
             (link.j, errors.by_j[own], errors.by_camera_j[own]),
         ):
-            for place, block in problem.unknowns.blocks(frame, by_frame, by_camera, poses.mounts):
-                blocks[place] = blocks[place] + block if place in blocks else block
-        places = np.array([place + k for place, block in blocks.items() for k in range(block.shape[-1])], np.intp)
-        jacobian = np.concatenate([np.empty((own.stop - own.start, 2, 0)), *blocks.values()], -1)
+            blocks += problem.unknowns.blocks(frame, by_frame, by_camera, poses.mounts)
+        places = np.unique(np.concatenate([np.empty(0, np.intp), *(at for at, _ in blocks)]))
+        jacobian = np.zeros((own.stop - own.start, 2, len(places)))
+        for at, block in blocks:
+            jacobian[..., np.searchsorted(places, at)] += block
         yield _Rows(own, places, jacobian, errors.residual[own], weight[own])
 
 
 def _beliefs(
-    unknowns: Unknowns, cameras: Sequence[Camera], known: Sequence[FloatArray | None], variance: float
+    unknowns: Unknowns, cameras: Sequence[Camera], known: Sequence[Known | None], variance: float
 ) -> tuple[_Belief, ...]:
     """What covariances say of the free values, weighed against matches of so much variance in square pixels."""
     found = []
-    for camera, covariance in enumerate(known):
-        columns, place = unknowns.columns[camera], unknowns.camera_at[camera]
-        if covariance is None or not len(columns):
+    for k, belief in enumerate(known):
+        if belief is None:
             continue
-        scale = np.sqrt(np.maximum(np.diag(covariance)[columns], 1e-300))
-        unit = covariance[np.ix_(columns, columns)] / scale / scale[:, None]
+        index = [cameras[k].parameter_names.index(name) for name in belief.names]
+        own = np.isin(index, unknowns.columns[k])
+        columns = np.array(index, np.intp)[own]
+        if not own.any():
+            continue
+        covariance = belief.covariance[np.ix_(own, own)]
+        scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        unit = covariance / scale / scale[:, None]
         information = variance * np.linalg.pinv(unit, rcond=1e-13, hermitian=True) / scale / scale[:, None]
-        places = np.arange(place, place + len(columns))
-        found.append(_Belief(camera, columns, places, cameras[camera].values[columns], information))
+        places = unknowns.camera_at[k][np.searchsorted(unknowns.columns[k], columns)]
+        found.append(_Belief(k, columns, places, belief.values[own], information))
     return tuple(found)
 
 
@@ -254,7 +275,7 @@ def _moved(problem: _Problem, state: _State, step: FloatArray) -> _State | None:
         columns = unknowns.columns[k]
         if len(columns):
             values = camera.values
-            values[columns] += step[unknowns.camera_at[k] : unknowns.camera_at[k] + len(columns)]
+            values[columns] += step[unknowns.camera_at[k]]
             moved = with_same_circle(camera, values)
             if moved is None:
                 return None
@@ -282,7 +303,7 @@ def _spread(residuals: FloatArray) -> float:
 
 
 def _result(
-    problem: _Problem, state: _State, rotations: FloatArray, group: NDArray[np.intp], known: Sequence[FloatArray | None]
+    problem: _Problem, state: _State, rotations: FloatArray, group: NDArray[np.intp], known: Sequence[Known | None]
 ) -> Adjustment:
     turns = problem.unknowns.turns
     scale = unit_scale(state.hessian)[:turns]
@@ -304,16 +325,18 @@ def _result(
 
 
 def _uncertainty(
-    problem: _Problem, state: _State, rotations: FloatArray, group: NDArray[np.intp], known: Sequence[FloatArray | None]
+    problem: _Problem, state: _State, rotations: FloatArray, group: NDArray[np.intp], known: Sequence[Known | None]
 ) -> Uncertainty:
     """Of all that was free, and of the cameras' values that were fixed although they are uncertain."""
     columns, fixed = list(problem.unknowns.columns), []
     used = set(problem.rig.camera_of[group].tolist())
-    for k, covariance in enumerate(known):
-        if covariance is not None and k in used and not len(columns[k]):
-            columns[k] = np.flatnonzero(np.diag(covariance) > 0)
-            fixed.append((k, covariance[np.ix_(columns[k], columns[k])]))
-    unknowns = Unknowns.of(problem.rig, group, columns)
+    for k, given in enumerate(known):
+        if given is not None and k in used and not len(columns[k]):
+            index = np.array([state.cameras[k].parameter_names.index(name) for name in given.names], np.intp)
+            order = np.argsort(index)[np.diag(given.covariance)[np.argsort(index)] > 0]
+            columns[k] = index[order]
+            fixed.append((k, given.covariance[np.ix_(order, order)]))
+    unknowns = Unknowns.of(problem.rig, group, columns, problem.tied)
     problem = problem._replace(unknowns=unknowns)
     matches = problem.matches
     cells = np.zeros(len(matches.i), np.intp)
@@ -331,8 +354,9 @@ def _uncertainty(
         weights[own] = weight
     information = np.zeros_like(hessian)
     for belief in problem.beliefs:
-        places = belief.places - problem.unknowns.camera_at[belief.camera] + unknowns.camera_at[belief.camera]
-        information[np.ix_(places, places)] = belief.information
+        own = np.searchsorted(unknowns.columns[belief.camera], belief.columns)
+        places = unknowns.camera_at[belief.camera][own]
+        information[np.ix_(places, places)] += belief.information
     curvature = float((weights**2).sum() / weights.sum())
     scores = Scores(hessian, by_cell, len(cells), _spread(state.residuals) ** 2, curvature)
     return Uncertainty.of(scores, unknowns, information, [(unknowns.camera_at[k], c) for k, c in fixed])

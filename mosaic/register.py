@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.camera import Camera
-from fullsphere.model.circle import ImageCircle, brightest, find_circle
+from fullsphere.model.circle import ImageCircle
 from fullsphere.model.errors import GeometryError, UsageError
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.workers import ordered_map
+from fullsphere.mosaic.adjust import Known
 from fullsphere.mosaic.features import Features, find_features
 from fullsphere.mosaic.level import level_turn
 from fullsphere.mosaic.links import Progress, gather_evidence
@@ -23,7 +24,8 @@ from fullsphere.mosaic.matching import MIN_INLIERS
 from fullsphere.mosaic.options import DEFAULT, Options
 from fullsphere.mosaic.project import Frame, Mosaic, Picture
 from fullsphere.mosaic.rig import Rig
-from fullsphere.mosaic.self_calibration import TOLERANCE_PX, self_calibrate, starting_cameras
+from fullsphere.mosaic.rim import common_circle
+from fullsphere.mosaic.self_calibration import self_calibrate, starting_cameras, tolerance_px
 from fullsphere.mosaic.solution import Solution, refined, solve_links
 
 HELD_OUT_GATE = 12 / 1920
@@ -43,7 +45,7 @@ def register(
     executor: Executor | None = None,
     progress: Progress = no_progress,
     options: Options = DEFAULT,
-    known: Sequence[FloatArray | None] = (),
+    covariances: Sequence[FloatArray | None] = (),
 ) -> Mosaic:
     """Find how the camera was turned for each frame.
 
@@ -60,8 +62,8 @@ def register(
         Wraps the loops over frames and pairs.
     options
         What else is asked for.
-    known
-        Covariance (P, P) of each given camera's values, from its calibration; None where it is not known.
+    covariances
+        Of each given camera's values (P, P), from its calibration; None where it is not known.
 
     Returns
     -------
@@ -99,31 +101,15 @@ def register(
         each = [starting_cameras(size, circle) for size, circle in zip(sizes, circles or [], strict=True)]
         solution = self_calibrate(evidence, list(zip(*each, strict=True)), rig, options.lens, executor)
     else:
-        links = evidence.links(given, TOLERANCE_PX, executor)
+        known = [
+            Known(camera.parameter_names, camera.values, covariance) if covariance is not None else None
+            for camera, covariance in zip(given, covariances, strict=False)
+        ]
+        links = evidence.links(given, tolerance_px(given), executor)
         solution = solve_links(links, rig, given, known=known)
         if options.refine:
             solution = refined(solution, rig, known)
     return _mosaic(frames, rig, features, solution, self_calibrated=given is None)
-
-
-def common_circle(frames: Sequence[Frame]) -> ImageCircle | None:
-    """The image circle of frames taken with one lens, from the brightest that any of them shows at each pixel."""
-    highest: NDArray[np.uint8] | None = None
-    for frame in frames:
-        picture = _eight_bit(frame.load())
-        now = brightest([picture])
-        highest = now if highest is None else np.maximum(highest, now)
-    return None if highest is None else find_circle(highest)
-
-
-def _eight_bit(picture: Picture) -> NDArray[np.uint8]:
-    colour = picture[..., :3]
-    if picture.dtype == np.uint8:
-        return colour
-    if picture.dtype == np.uint16:
-        return (colour >> 8).astype(np.uint8)
-    white = max(float(np.percentile(colour, 99)), 1e-9)
-    return (255 * np.sqrt(np.clip(colour / white, 0, 1))).astype(np.uint8)
 
 
 def _with_mask(
@@ -166,7 +152,7 @@ def _mosaic(
     quality: dict[str, float] = {
         "matches": int(every.size),
         "residual_median_px": float(np.median(every)),
-        "residual_rms_px": _rms(every[every < TOLERANCE_PX]),
+        "residual_rms_px": _rms(every[every < tolerance_px(adjusted.cameras)]),
         "held_out_matches": int(inside.size),
         "held_out_share": inside.size / held.size if held.size else 0.0,
         "held_out_median_px": float(np.median(inside)) if inside.size else 0.0,

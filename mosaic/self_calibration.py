@@ -18,7 +18,7 @@ from fullsphere.model.calibration.lens_fit import fitted_lenses
 from fullsphere.model.camera import Camera
 from fullsphere.model.circle import ImageCircle
 from fullsphere.model.lens import LENSES, BaksteinPajdla, Equidistant, Equisolid, Lens, Perspective
-from fullsphere.mosaic.adjust import Adjustment
+from fullsphere.mosaic.adjust import Adjustment, Known, with_same_circle
 from fullsphere.mosaic.links import Evidence
 from fullsphere.mosaic.project import Link
 from fullsphere.mosaic.rig import Rig
@@ -31,12 +31,14 @@ FULL_FRAME_STARTS: tuple[tuple[type[Lens], float], ...] = (
 )
 """Lens and half of the diagonal field of view in degrees, for frames without a visible circle."""
 
-TOLERANCE_PX = 4.0
-"""How well a match must agree with a rotation once the camera is known."""
+MATCH_TOLERANCE = 1 / 480
+"""How well a match must agree with a rotation once the camera is known, as a share of the picture's longer side."""
 
 _START = 0.02  # of the picture's radius: how well matches must agree while the lens is only guessed
 _SAMPLE = 150  # matches of a link that are enough while the camera is being found
-_CLEARLY_BETTER = 0.8  # pixels are taken for square unless another aspect leaves less than this share of the cost
+_CLEARLY = 5  # standard deviations that an aspect must be off 1 to be believed: most pixels are square
+_OFF_CENTRE = 0.02  # of the circle's radius: standard deviation of the axis from the circle's centre
+_CENTRE = ("centre_u_px", "centre_v_px")
 
 
 def starting_cameras(size: tuple[int, int], circle: ImageCircle | None) -> list[Camera]:
@@ -117,29 +119,60 @@ def self_calibrate(
         If no two frames can be registered under any of the starts.
     """
     few, more = evidence.strongest_pairs(2), evidence.strongest_pairs(5)
+    middles = [  # of the circle, or of the picture where there is none: the axis meets it nearby
+        Known(_CENTRE, np.array(start.centre), np.eye(2) * (_OFF_CENTRE * start.image_radius) ** 2)
+        for start in starts[0]
+    ]
 
-    def improve(
-        cameras: Sequence[Camera], links: Sequence[Link], free: Sequence[str], scales: Sequence[float]
-    ) -> Adjustment:
+    def improve(cameras: Sequence[Camera], links: Sequence[Link], free: Sequence[str], scale: float) -> Adjustment:
         sampled = [thinned(link, _SAMPLE) for link in links]
-        return solve_links(sampled, rig, cameras, free, scales, tolerance=1e-4).adjustment
+        tied = [name for name in free if name not in _CENTRE]
+        return solve_links(sampled, rig, cameras, free, (scale,), tolerance=1e-4, known=middles, tied=tied).adjustment
 
     cameras = _best_start(starts, lambda start: evidence.links(start, _START * start[0].image_radius, executor, few))
     links = evidence.links(cameras, _START * cameras[0].image_radius, executor, more)
-    cameras = tuple(map(as_bakstein_pajdla, improve(cameras, links, ("f_px",), (10.0,)).cameras))
+    cameras = of_one_lens(tuple(map(as_bakstein_pajdla, improve(cameras, links, ("f_px",), 10.0).cameras)))
     shape = _lens_names(cameras)
-    square = (*shape, "centre_u_px", "centre_v_px")
-    for tolerance, free, scales in ((0.015, shape, (5.0,)), (0.01, square, (5.0, 2.0)), (0.005, square, (4.0, 1.0))):
-        tolerance_px = max(tolerance * cameras[0].image_radius, TOLERANCE_PX)
-        links = evidence.links(cameras, tolerance_px, executor, more)
-        cameras = improve(cameras, links, free, scales).cameras
-    plain, oblong = (improve(cameras, links, free, (1.0,)) for free in (square, (*square, "aspect")))
-    better, free = (oblong, (*square, "aspect")) if oblong.cost < _CLEARLY_BETTER * plain.cost else (plain, square)
-    cameras = better.cameras
+    for tolerance, free, scales in (
+        (0.015, shape, (5.0,)),
+        (0.01, (*shape, *_CENTRE), (5.0, 2.0)),
+        (0.005, (*shape, *_CENTRE), (4.0, 1.0)),
+    ):
+        links = evidence.links(cameras, max(tolerance * cameras[0].image_radius, tolerance_px(cameras)), executor, more)
+        for scale in scales:
+            cameras = improve(cameras, links, free, scale).cameras
     if lens != BaksteinPajdla.projection:
-        cameras = tuple(with_lens(camera, lens) for camera in cameras)
-        free = (*_lens_names(cameras), *free[len(shape) :])
-    return solve_links(evidence.links(cameras, TOLERANCE_PX, executor), rig, cameras, free)
+        cameras = of_one_lens(tuple(with_lens(camera, lens) for camera in cameras))
+        shape = _lens_names(cameras)
+    links = evidence.links(cameras, tolerance_px(cameras), executor)
+    oblong = (*shape, "aspect", *_CENTRE)
+    solution = solve_links(links, rig, cameras, oblong, known=middles, tied=(*shape, "aspect"))
+    if _are_square(solution.adjustment):
+        solution = solve_links(links, rig, cameras, (*shape, *_CENTRE), known=middles, tied=shape)
+    return solution
+
+
+def tolerance_px(cameras: Sequence[Camera]) -> float:
+    """How many pixels a match may be off: near things shift by an angle, whatever the resolution."""
+    return max(MATCH_TOLERANCE * max(side for camera in cameras for side in camera.size), 2.0)
+
+
+def of_one_lens(cameras: Sequence[Camera]) -> tuple[Camera, ...]:
+    """The cameras with the lens and aspect of the first, each imaging the circle it did."""
+    first = cameras[0]
+    values = [np.array([*first.lens.values, *camera.centre, first.aspect]) for camera in cameras]
+    others = [
+        with_same_circle(dataclasses.replace(camera, lens=first.lens, half_fov=first.half_fov), v)
+        for camera, v in zip(cameras, values, strict=True)
+    ]
+    return tuple(camera if camera is not None else first for camera in others)
+
+
+def _are_square(adjustment: Adjustment) -> bool:
+    """Whether the pixels may be square: an aspect must be clearly off 1 to be believed, and sensors' seldom are."""
+    index = adjustment.cameras[0].parameter_names.index("aspect")
+    sigma = math.sqrt(adjustment.covariances[0][index, index])
+    return abs(adjustment.cameras[0].aspect - 1) < _CLEARLY * sigma
 
 
 def with_lens(camera: Camera, projection: str) -> Camera:

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import GeometryError
-from fullsphere.model.lens import FloatArray
-from fullsphere.mosaic.adjust import Adjustment, adjust
+from fullsphere.mosaic.adjust import Adjustment, Known, adjust
 from fullsphere.mosaic.matching import MIN_INLIERS
 from fullsphere.mosaic.orientation import connected_groups, disagreement_deg, first_orientations
 from fullsphere.mosaic.project import Link
@@ -37,7 +36,8 @@ def solve_links(
     free: Sequence[str] = (),
     robust_scales_px: Sequence[float] = (16.0, 4.0, 1.0),
     tolerance: float = 1e-7,
-    known: Sequence[FloatArray | None] = (),
+    known: Sequence[Known | None] = (),
+    tied: Sequence[str] = (),
 ) -> Solution:
     """Largest group, first orientations without the links that contradict them, adjustment.
 
@@ -47,7 +47,7 @@ def solve_links(
         Between any of the frames.
     rig
         Which camera took which frame, for all frames.
-    cameras, free, tolerance, known
+    cameras, free, tolerance, known, tied
         As for `adjust`.
     robust_scales_px
         One adjustment for each: with a scale that falls in steps a loop that does not close yet is pulled shut first,
@@ -75,12 +75,12 @@ def solve_links(
     used = [thinned(link, max(MIN_INLIERS, _MOST_MATCHES // len(kept))) for link in kept]
     for scale in robust_scales_px:
         last = scale == robust_scales_px[-1]
-        adjustment = adjust(used, rotations, group, cameras, free, scale, tolerance if last else 1e-3, rig, known)
+        adjustment = adjust(used, rotations, group, cameras, free, scale, tolerance if last else 1e-3, rig, known, tied)
         rotations, cameras = adjustment.rotations, adjustment.cameras
     return Solution(kept, group, adjustment)
 
 
-def refined(solution: Solution, rig: Rig, known: Sequence[FloatArray | None]) -> Solution:
+def refined(solution: Solution, rig: Rig, known: Sequence[Known | None]) -> Solution:
     """The solution with the cameras adjusted too, held by the covariances with which they are known."""
     links, group, (rotations, cameras, *_) = solution
     names = tuple(dict.fromkeys(name for camera in cameras for name in camera.parameter_names))

@@ -21,10 +21,10 @@ def solve(
     executor: Executor | None = None,
     progress: Progress = no_progress,
     options: Options = DEFAULT,
-    known: Sequence[FloatArray | None] = (),
+    covariances: Sequence[FloatArray | None] = (),
 ) -> Mosaic:
     """Register the frames and even out their exposure; see `register` for the parameters and errors."""
-    mosaic = register(frames, cameras, executor, progress, options, known)
+    mosaic = register(frames, cameras, executor, progress, options, covariances)
     photometry = estimate_photometry(mosaic.registered, mosaic.cameras, executor)
     exposure = iter(photometry.exposure_ev.tolist())
     evened = tuple(

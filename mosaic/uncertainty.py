@@ -53,13 +53,16 @@ class Uncertainty(NamedTuple):
 
     @classmethod
     def of(
-        cls, scores: Scores, unknowns: Unknowns, information: FloatArray, fixed: Sequence[tuple[int, FloatArray]]
+        cls,
+        scores: Scores,
+        unknowns: Unknowns,
+        information: FloatArray,
+        fixed: Sequence[tuple[NDArray[np.intp], FloatArray]],
     ) -> Self:
-        """From scores, the information (U, U) known beforehand, and what was fixed: (place, covariance) of values."""
+        """From scores, the information (U, U) known beforehand, and what was fixed: (places, covariance) of values."""
         held = np.zeros(unknowns.size, bool)
         blocks = [np.zeros((unknowns.size, 0))]
-        for place, covariance in fixed:
-            own = slice(place, place + len(covariance))
+        for own, covariance in fixed:
             held[own] = True
             block = np.zeros((unknowns.size, len(covariance)))
             block[own] = _root(covariance)
@@ -86,8 +89,8 @@ class Uncertainty(NamedTuple):
         """
         turns = np.zeros((len(group), 3, self.unknowns.size))
         for row, frame in zip(turns, group, strict=True):
-            for place, block in self.unknowns.blocks(int(frame), np.eye(3), None, mounts):
-                row[:, place : place + 3] = rotations[frame].T @ block  # in the world, where they can be averaged
+            for places, block in self.unknowns.blocks(int(frame), np.eye(3), None, mounts):
+                row[:, places] = rotations[frame].T @ block  # in the world, where they can be averaged
         turns -= turns.mean(0)
         flat = turns.reshape(-1, self.unknowns.size)
         variance = [((flat @ f) ** 2).sum(1).reshape(-1, 3).sum(1) for f in (self.clustered, self.independent)]
@@ -97,8 +100,8 @@ class Uncertainty(NamedTuple):
 
     def of_camera(self, index: int, count: int) -> FloatArray:
         """Covariance (count, count) of a camera's values; zero for those that were neither free nor uncertain."""
-        columns, place = self.unknowns.columns[index], self.unknowns.camera_at[index]
-        clustered, independent = (f[place : place + len(columns)] for f in (self.clustered, self.independent))
+        columns, places = self.unknowns.columns[index], self.unknowns.camera_at[index]
+        clustered, independent = self.clustered[places], self.independent[places]
         share = (clustered**2).sum(1) / np.maximum((independent**2).sum(1), 1e-300)
         factor = clustered if len(columns) and float(np.median(share)) > 1 else independent
         covariance = np.zeros((count, count))

@@ -22,8 +22,8 @@ class Unknowns(NamedTuple):
         Which camera took each frame in which shot.
     shot_at, mount_at
         Where the three unknowns of a shot or of a camera's mount begin; one that is not in it stays as it is.
-    camera_at, columns
-        For each camera where its free values begin, and which of its values (k,) they are.
+    columns, camera_at
+        For each camera which of its values (k,) are free, and their places (k,); values tied together have one place.
     size
         How many unknowns there are.
     """
@@ -31,20 +31,28 @@ class Unknowns(NamedTuple):
     rig: Rig
     shot_at: dict[int, int]
     mount_at: dict[int, int]
-    camera_at: tuple[int, ...]
     columns: tuple[NDArray[np.intp], ...]
+    camera_at: tuple[NDArray[np.intp], ...]
     size: int
 
     @classmethod
-    def of(cls, rig: Rig, group: NDArray[np.intp], columns: Sequence[NDArray[np.intp]]) -> Self:
-        """Those of the frames in `group`, whose first shot holds the world, with the free columns of each camera."""
+    def of(
+        cls, rig: Rig, group: NDArray[np.intp], columns: Sequence[NDArray[np.intp]], tied: Sequence[int] = ()
+    ) -> Self:
+        """Those of the frames in `group`, whose first shot holds the world, with the free columns of each camera.
+
+        Columns that are in `tied` too are the same for all cameras.
+        """
         shots = list(dict.fromkeys(rig.shot_of[group].tolist()))[1:]
         mounted = [child for child, _ in rig.mount_tree(group)]
         places = range(0, 3 * (len(shots) + len(mounted)), 3)
         shot_at = dict(zip(shots, places, strict=False))
         mount_at = dict(zip(mounted, places[len(shots) :], strict=True))
-        ends = 3 * len(places) + np.cumsum([0, *map(len, columns)])
-        return cls(rig, shot_at, mount_at, tuple(ends[:-1].tolist()), tuple(columns), int(ends[-1]))
+        names = dict.fromkeys((-1 if n in tied else k, n) for k, own in enumerate(columns) for n in own.tolist())
+        at = {name: 3 * len(places) + index for index, name in enumerate(names)}
+        camera_at = [[at[-1 if n in tied else k, n] for n in own.tolist()] for k, own in enumerate(columns)]
+        size = 3 * len(places) + len(at)
+        return cls(rig, shot_at, mount_at, tuple(columns), tuple(np.array(own, np.intp) for own in camera_at), size)
 
     @property
     def turns(self) -> int:
@@ -53,17 +61,17 @@ class Unknowns(NamedTuple):
 
     def blocks(
         self, frame: int, by_frame: FloatArray, by_camera: FloatArray | None, mounts: FloatArray
-    ) -> list[tuple[int, FloatArray]]:
-        """Derivatives (..., 3) by a frame's turn and (..., P) by its camera's values -> by the unknowns, with places.
+    ) -> list[tuple[NDArray[np.intp], FloatArray]]:
+        """Derivatives (..., 3) by a frame's turn and (..., P) by its camera's values -> by the unknowns at places (k,).
 
         Without `by_camera` only those that turn frames.
         """
         camera, shot = int(self.rig.camera_of[frame]), int(self.rig.shot_of[frame])
         found = []
         if shot in self.shot_at:
-            found.append((self.shot_at[shot], by_frame @ mounts[camera]))
+            found.append((self.shot_at[shot] + np.arange(3), by_frame @ mounts[camera]))
         if camera in self.mount_at:
-            found.append((self.mount_at[camera], by_frame))
+            found.append((self.mount_at[camera] + np.arange(3), by_frame))
         if by_camera is not None and len(self.columns[camera]):
             found.append((self.camera_at[camera], by_camera[..., self.columns[camera]]))
         return found

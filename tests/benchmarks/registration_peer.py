@@ -10,7 +10,7 @@ from registration_sets import FrameSet
 from remap_table import Row, absent_row, alternating, note, seconds_row
 
 from fullsphere.mosaic.frames import open_frames
-from fullsphere.mosaic.register import common_circle
+from fullsphere.mosaic.rim import common_circle
 
 PROGRAMS = ("pto_gen", "cpfind", "cpclean", "pto_var", "autooptimiser")
 _CIRCULAR, _EQUISOLID = "3", "21"  # Hugin's numbers of projections
