@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
 import os
 import secrets
 import stat
@@ -193,9 +194,17 @@ def _fault(value: Any, where: str = "", depth: int = 0) -> str | None:
     items: Iterable[tuple[str, Any]] = ()
     if isinstance(value, dict):
         items = ((f"{where}.{key}" if where else key, item) for key, item in value.items())
-    elif isinstance(value, list):
+    elif isinstance(value, list) and not _all_finite(value):
         items = ((f"{where}[{index}]", item) for index, item in enumerate(value))
     return next((fault for place, item in items if (fault := _fault(item, place, depth + 1)) is not None), None)
+
+
+def _all_finite(values: list[Any]) -> bool:
+    """Whether a list holds finite numbers and nothing else: matches of a mosaic are lists of thousands."""
+    try:
+        return set(map(type, values)) <= {int, float} and all(map(math.isfinite, values))
+    except OverflowError:  # a whole number that no float holds
+        return False
 
 
 def _refuse_target(path: Path, overwrite: bool) -> None:

@@ -51,6 +51,8 @@ def numbers_of(data: dict[str, Any], key: str, where: str, count: int | None = N
     values = data[key]
     if not isinstance(values, list) or (count is not None and len(values) != count):
         raise InputError(f"{where}: {key} is not a list of {count or ''} numbers".replace("  ", " "))
+    if set(map(type, values)) <= {int, float}:
+        return list(map(float, values))
     return [number_of({key: item}, key, where) for item in values]
 
 

@@ -28,7 +28,8 @@ _NOWHERE = np.full((3, 3), np.nan)
 def links_to_list(mosaic: Mosaic) -> list[dict[str, Any]]:
     """The links as a file holds them; residuals are those of the pixels as they are written."""
     rotations = np.array([_NOWHERE if f.camera_from_world is None else f.camera_from_world for f in mosaic.frames])
-    return [_link(_rounded(link), mosaic, rotations) for link in mosaic.links]
+    rig = Rig.of(mosaic.frames)
+    return [_link(_rounded(link), mosaic, rotations, rig) for link in mosaic.links]
 
 
 def links_from_list(values: Sequence[Any], frames: Sequence[Frame], where: str) -> tuple[Link, ...]:
@@ -44,7 +45,7 @@ def links_from_list(values: Sequence[Any], frames: Sequence[Frame], where: str) 
     return tuple(links.values())
 
 
-def _link(link: Link, mosaic: Mosaic, rotations: FloatArray) -> dict[str, Any]:
+def _link(link: Link, mosaic: Mosaic, rotations: FloatArray, rig: Rig) -> dict[str, Any]:
     value: dict[str, Any] = {
         "frames": [mosaic.frames[link.i].id, mosaic.frames[link.j].id],
         "matches": len(link.pixels_i),
@@ -54,7 +55,7 @@ def _link(link: Link, mosaic: Mosaic, rotations: FloatArray) -> dict[str, Any]:
     for key, figure, (i, j) in zip(_MATCHES, _FIGURES, _both(link), strict=True):
         value[key] = np.hstack([i, j]).ravel()
         as_held = dataclasses.replace(link, held_i=i, held_j=j)
-        residuals = held_out_px([as_held], rotations, mosaic.cameras, Rig.of(mosaic.frames))
+        residuals = held_out_px([as_held], rotations, mosaic.cameras, rig)
         value[figure] = round(float(np.median(residuals)), _DECIMALS) if residuals.size else None
     return value
 
