@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import Any
 
@@ -43,6 +43,15 @@ class Evidence:
             own.sort(key=lambda pair: (-len(self.matches[pair].first), pair))
             chosen.update(own[:partners])
         return sorted(chosen)
+
+    def among(self, frames: Collection[int]) -> Evidence:
+        """What these frames alone have in common."""
+        return dataclasses.replace(
+            self,
+            features={k: one for k, one in self.features.items() if k in frames},
+            matches={pair: one for pair, one in self.matches.items() if set(pair) <= set(frames)},
+            held={pair: one for pair, one in self.held.items() if set(pair) <= set(frames)},
+        )
 
     def links(
         self,

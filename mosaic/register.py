@@ -7,31 +7,28 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fullsphere.model.camera import Camera
 from fullsphere.model.circle import ImageCircle
-from fullsphere.model.errors import GeometryError, UsageError
+from fullsphere.model.errors import GeometryError, InputError, UsageError
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.adjust import Known
+from fullsphere.mosaic.allowed import allowed_pixels
+from fullsphere.mosaic.copies import copies
 from fullsphere.mosaic.features import Features, find_features
-from fullsphere.mosaic.level import level_turn
-from fullsphere.mosaic.links import Progress, gather_evidence
-from fullsphere.mosaic.match_errors import held_out_px
-from fullsphere.mosaic.matching import MIN_INLIERS
+from fullsphere.mosaic.links import Evidence, Progress, gather_evidence
 from fullsphere.mosaic.options import DEFAULT, Options
-from fullsphere.mosaic.project import Frame, Mosaic, Picture
+from fullsphere.mosaic.outcome import mosaic_of
+from fullsphere.mosaic.parallax import parallaxes
+from fullsphere.mosaic.project import Frame, Mosaic
 from fullsphere.mosaic.rig import Rig
 from fullsphere.mosaic.rim import common_circle
 from fullsphere.mosaic.self_calibration import self_calibrate, starting_cameras, tolerance_px
 from fullsphere.mosaic.solution import Solution, refined, solve_links
+from fullsphere.mosaic.viewpoints import Viewpoints, pairs_to_compare, viewpoints
 
-HELD_OUT_GATE = 12 / 1920
-"""Share of the picture's width beyond which two rays that no fit saw are no match at all."""
-
-_RIM = 0.985  # of the image circle's radius: beyond it the rim itself would give keypoints
+_FEW = 16  # frames: of so many each may have its fill of keypoints
+_MOST_OF_FEW, _MOST_OF_MANY = 5000, 2500
 
 
 def no_progress(items: Iterable[Any], title: str = "", total: int | None = None) -> Iterable[Any]:
@@ -67,7 +64,8 @@ def register(
 
     Returns
     -------
-    The mosaic, levelled; frames that could not be placed are marked with the reason.
+    The mosaic, levelled; frames that could not be placed are marked with the reason.  Where frames were taken from
+    several places, it is that of the place with most frames.
 
     Raises
     ------
@@ -76,105 +74,107 @@ def register(
     UsageError
         If there are fewer cameras than the frames name.
     """
+    usable = _demand_two(frames)
+    given = (cameras,) if isinstance(cameras, Camera) else None if cameras is None else tuple(cameras)
+    of_camera = _by_camera(frames, given)
+    circles = [None if given else common_circle(own) for own in of_camera]
+    frames, evidence = _observed(frames, usable, given, circles, executor, progress)
+    frames, evidence = _without_copies(frames, evidence)
+    rig = Rig.of(frames)
+
+    def solve(evidence: Evidence) -> Solution:
+        if given is not None:
+            return _under(given, covariances, evidence, rig, options.refine, executor)
+        starts = [starting_cameras(own[0].size, circle) for own, circle in zip(of_camera, circles, strict=True)]
+        return self_calibrate(evidence, list(zip(*starts, strict=True)), rig, options.lens, executor)
+
+    solution = solve(evidence)
+    parallax = parallaxes(evidence, solution.adjustment.cameras, pairs_to_compare(evidence), executor)
+    places = viewpoints(parallax)
+    if places is not None:  # parallax between them has bent whatever was adjusted
+        frames, evidence = _from_one_place(frames, evidence, places)
+        solution = solve(evidence)
+        parallax = parallaxes(evidence, solution.adjustment.cameras, pairs_to_compare(evidence), executor)
+    mosaic = mosaic_of(frames, rig, evidence, solution, parallax, places, options.levelling, executor)
+    return dataclasses.replace(mosaic, self_calibrated=given is None)
+
+
+def _demand_two(frames: Sequence[Frame]) -> list[int]:
     usable = [k for k, frame in enumerate(frames) if not frame.reason]
     if len(usable) < 2:
         raise GeometryError(f"a mosaic needs two frames or more that can be used, not {len(usable)}")
-    given = (cameras,) if isinstance(cameras, Camera) else tuple(cameras) if cameras is not None else None
-    rig = Rig.of(frames)
-    of_camera = [[frames[k] for k in usable if frames[k].camera == c] for c in range(int(rig.camera_of.max()) + 1)]
-    if given is not None and len(given) < len(of_camera):
-        raise UsageError(f"the frames were taken by {len(of_camera)} cameras, and {len(given)} are given")
-    circles = None if given is not None else [common_circle(own) for own in of_camera]
-    most = 5000 if len(usable) <= 16 else 2500
+    return usable
 
-    def features_of(k: int) -> Features:
-        c = frames[k].camera
-        camera, circle = (given[c], None) if given is not None else (None, circles[c] if circles else None)
-        return find_features(*_with_mask(frames[k], camera, circle), most)
+
+def _by_camera(frames: Sequence[Frame], given: Sequence[Camera] | None) -> list[list[Frame]]:
+    """The usable frames that each camera took."""
+    count = max(frame.camera for frame in frames) + 1
+    if given is not None and len(given) < count:
+        raise UsageError(f"the frames were taken by {count} cameras, and {len(given)} are given")
+    return [[frame for frame in frames if frame.camera == k and not frame.reason] for k in range(count)]
+
+
+def _observed(
+    frames: Sequence[Frame],
+    usable: Sequence[int],
+    given: Sequence[Camera] | None,
+    circles: Sequence[ImageCircle | None],
+    executor: Executor | None,
+    progress: Progress,
+) -> tuple[list[Frame], Evidence]:
+    """What the frames have in common; those whose files cannot be read any more are left out."""
+    most = _MOST_OF_FEW if len(usable) <= _FEW else _MOST_OF_MANY
+
+    def features_of(k: int) -> Features | str:
+        frame = frames[k]
+        try:
+            picture = frame.load()
+            camera = given[frame.camera] if given is not None else None
+            return find_features(picture, allowed_pixels(frame, picture, camera, circles[frame.camera]), most)
+        except InputError as error:
+            return str(error)
 
     seen = ordered_map(executor, features_of, usable, ahead=4)
-    features = dict(zip(usable, progress(seen, title="finding features", total=len(usable)), strict=True))
+    found = dict(zip(usable, progress(seen, title="finding features", total=len(usable)), strict=True))
+    left = [frame.left_out(found[k]) if isinstance(found.get(k), str) else frame for k, frame in enumerate(frames)]
+    features = {k: one for k, one in found.items() if isinstance(one, Features)}
+    _demand_two(left)
     evidence = gather_evidence(features, executor, progress)
-    evidence = dataclasses.replace(evidence, camera_of={k: frames[k].camera for k in usable})
-    if given is None:
-        sizes = [own[0].size for own in of_camera]
-        each = [starting_cameras(size, circle) for size, circle in zip(sizes, circles or [], strict=True)]
-        solution = self_calibrate(evidence, list(zip(*each, strict=True)), rig, options.lens, executor)
-    else:
-        known = [
-            Known(camera.parameter_names, camera.values, covariance) if covariance is not None else None
-            for camera, covariance in zip(given, covariances, strict=False)
-        ]
-        links = evidence.links(given, tolerance_px(given), executor)
-        solution = solve_links(links, rig, given, known=known)
-        if options.refine:
-            solution = refined(solution, rig, known)
-    return _mosaic(frames, rig, features, solution, self_calibrated=given is None)
+    return left, dataclasses.replace(evidence, camera_of={k: frames[k].camera for k in features})
 
 
-def _with_mask(
-    frame: Frame, camera: Camera | None, circle: ImageCircle | None
-) -> tuple[Picture, NDArray[np.uint8] | None]:
-    """The picture, and where keypoints may lie: inside the image circle, its mask, and an alpha that is not zero."""
-    picture = frame.load()
-    height, width = picture.shape[:2]
-    allowed = np.full((height, width), 255, np.uint8)
-    if camera is not None:
-        circle, aspect = ImageCircle(camera.centre, camera.image_radius), camera.aspect
-    else:
-        aspect = 1.0
-    if circle is not None:
-        inner = circle._replace(radius=_RIM * circle.radius)
-        allowed[~inner.covers((width, height), aspect)] = 0
-    if picture.shape[2] == 4:
-        allowed[picture[..., 3] == 0] = 0
-    if frame.mask is not None:
-        allowed[frame.mask() == 0] = 0
-    return picture, allowed
+def _without_copies(frames: Sequence[Frame], evidence: Evidence) -> tuple[list[Frame], Evidence]:
+    left = list(frames)
+    for k, first in copies(frames, evidence).items():
+        left[k] = frames[k].left_out(f"is a copy of {frames[first].id}, saved anew")
+    _demand_two(left)
+    return left, evidence.among([k for k in evidence.features if not left[k].reason])
 
 
-def _mosaic(
-    frames: Sequence[Frame], rig: Rig, features: dict[int, Features], solution: Solution, self_calibrated: bool
-) -> Mosaic:
-    links, group, adjusted = solution
-    turn, level = level_turn([adjusted.rotations[k] for k in group])
-    placed: list[Frame] = []
-    for k, frame in enumerate(frames):
-        if k in group:
-            rotation, sigma_deg = adjusted.rotations[k] @ turn.T, float(np.rad2deg(adjusted.sigma[k]))
-            placed.append(dataclasses.replace(frame, camera_from_world=rotation, sigma_deg=sigma_deg))
-        else:
-            placed.append(frame if frame.reason else frame.left_out(_why_left_out(features[k])))
-    every = np.concatenate(adjusted.residuals_px)
-    held = held_out_px(links, adjusted.rotations, adjusted.cameras, rig)
-    gate = HELD_OUT_GATE * max(camera.size[0] for camera in adjusted.cameras)
-    inside = held[held < gate]
-    quality: dict[str, float] = {
-        "matches": int(every.size),
-        "residual_median_px": float(np.median(every)),
-        "residual_rms_px": _rms(every[every < tolerance_px(adjusted.cameras)]),
-        "held_out_matches": int(inside.size),
-        "held_out_share": inside.size / held.size if held.size else 0.0,
-        "held_out_median_px": float(np.median(inside)) if inside.size else 0.0,
-    }
-    on_rig = bool(rig.mount_tree(group))
-    return Mosaic(
-        adjusted.cameras,
-        tuple(placed),
-        tuple(links),
-        level=level,
-        self_calibrated=self_calibrated,
-        quality=quality,
-        camera_from_rig=tuple(adjusted.mounts) if on_rig else (),
-        camera_covariances=adjusted.covariances if any(c.any() for c in adjusted.covariances) else (),
-    )
+def _from_one_place(frames: Sequence[Frame], evidence: Evidence, places: Viewpoints) -> tuple[list[Frame], Evidence]:
+    """The frames of the largest group, the others left out."""
+    first, *others = places.groups
+    left = list(frames)
+    for k in (k for group in others for k in group):
+        left[k] = frames[k].left_out(
+            f"was taken from another place than {frames[first[0]].id}: two viewpoints make no seamless sphere; "
+            "stitch each place's frames by themselves"
+        )
+    return left, evidence.among([k for k in evidence.features if not left[k].reason])
 
 
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
-
-
-def _why_left_out(features: Features) -> str:
-    if len(features) < 2 * MIN_INLIERS:
-        return f"shows too little texture: {len(features)} features found"
-    return "does not overlap the other frames, or shows another place: no rotation agrees with its matches"
+def _under(
+    cameras: Sequence[Camera],
+    covariances: Sequence[FloatArray | None],
+    evidence: Evidence,
+    rig: Rig,
+    refine: bool,
+    executor: Executor | None,
+) -> Solution:
+    """The solution under given cameras."""
+    known = [
+        None if covariance is None else Known(camera.parameter_names, camera.values, covariance)
+        for camera, covariance in zip(cameras, covariances, strict=False)
+    ]
+    solution = solve_links(evidence.links(cameras, tolerance_px(cameras), executor), rig, cameras, known=known)
+    return refined(solution, rig, known) if refine else solution
