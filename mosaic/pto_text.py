@@ -43,7 +43,7 @@ class PtoLine:
     def number(self, key: str, default: float | None = None, most: float = math.inf) -> float:
         """A finite number of at most the size `most`; InputError if there is none and no default."""
         if key not in self.values and default is not None:
-            return default
+            return float(default)
         return checked_number(self.values.get(key, ""), f"{self.where}: {key}", most)
 
     def whole(self, key: str, default: int | None = None, lower: int = 0, upper: int = 1 << 30) -> int:

@@ -28,7 +28,11 @@ from fullsphere.mosaic.store_frames import relative_path, yaw_pitch_roll_deg
 MOST_POINTS = 200
 """Control points of a pair of pictures: Hugin's own search gives ten or so, and its optimiser takes all."""
 
-_SHARED = ("v", "a", "b", "c", "d", "e", "g", "t", "Va", "Vb", "Vc", "Vd", "Vx", "Vy")
+_SRGB = {"Ra": 0.357, "Rb": -1.245, "Rc": -0.044, "Rd": -0.218, "Re": 0.0865}
+"""Response of a camera that writes sRGB, in Hugin's model (Grossberg & Nayar 2004): fitted to what `nona` made of a
+ramp, 0.06 EV rms off sRGB's own curve from code 8 on; zeros, the mean of all cameras, would be 0.5 EV off."""
+
+_SHARED = ("v", "Ra", "Rb", "Rc", "Rd", "Re", "a", "b", "c", "d", "e", "g", "t", "Va", "Vb", "Vc", "Vd", "Vx", "Vy")
 _DECIMALS = 10  # of angles in degrees: as many as come back from a matrix
 _CIRCLE_KEPT = 0.9  # of the radius: a circle cut by more to lie within its part of the file is no longer cropped as one
 
@@ -159,7 +163,7 @@ def _images(pictures: Sequence[_Picture], mosaic: Mosaic, folder: Path) -> Itera
         }
         yield RECORD + json.dumps(record, sort_keys=True)
         vb, vc, vd = coefficients_of(mosaic.vignetting_ev, picture.camera, lens)
-        values = {"v": lens.hfov_deg, "Ra": 0, "Rb": 0, "Rc": 0, "Rd": 0, "Re": 0, "Eev": -frame.exposure_ev}
+        values = {"v": lens.hfov_deg, **_SRGB, "Eev": -frame.exposure_ev}
         yaw, pitch, roll = (round(angle, _DECIMALS) for angle in yaw_pitch_roll_deg(picture.camera_from_world))
         values |= {"Er": 1, "Eb": 1, "r": roll, "p": pitch, "y": yaw, "TrX": 0, "TrY": 0, "TrZ": 0, "Tpy": 0, "Tpp": 0}
         values |= {"j": 0, "a": lens.a, "b": lens.b, "c": lens.c, "d": lens.d, "e": lens.e, "g": 0, "t": 0}

@@ -63,7 +63,7 @@ def rotation_of(data: dict[str, Any], key: str, where: str) -> FloatArray:
     if len(rows) != 3:
         raise InputError(f"{where}: {key} is not a matrix of 3 rows of 3 numbers")
     matrix = np.array([numbers_of({key: row}, key, where, 3) for row in rows])
-    if not np.abs(matrix @ matrix.T - np.eye(3)).max() <= _ORTHONORMAL:
+    if np.abs(matrix).max() > 2 or not np.abs(matrix @ matrix.T - np.eye(3)).max() <= _ORTHONORMAL:
         raise InputError(f"{where}: {key} is not a rotation: its rows are not at right angles and of length 1")
     if np.linalg.det(matrix) < 0:
         raise InputError(f"{where}: {key} is not a rotation but mirrors; change the sign of a row")

@@ -1,5 +1,6 @@
 """Hugin projects: read, written, and understood by Hugin's own programs, where they are installed, as by ours."""
 
+import contextlib
 import dataclasses
 import math
 import re
@@ -11,11 +12,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
 from scipy.spatial.transform import Rotation
-from turning import matched, orientation, ring, turn_between
+from turning import matched, orientation, ring, srgb8, turn_between
 
 from fullsphere.model.camera import Camera
-from fullsphere.model.errors import CameraError, InputError, OutputError
+from fullsphere.model.errors import CameraError, FullsphereError, InputError, OutputError
 from fullsphere.model.lens import (
     BaksteinPajdla,
     Brown,
@@ -34,6 +36,7 @@ from fullsphere.mosaic.pto import HORIZONTAL, VERTICAL, read_pto
 from fullsphere.mosaic.pto_fit import camera_of, difference_px, lens_of
 from fullsphere.mosaic.pto_lens import PanoToolsLens
 from fullsphere.mosaic.pto_write import MOST_POINTS, write_pto
+from laws import SEEDS, law
 
 HEAD = 'p f2 w3600 h1800 v360 E0 R0 n"TIFF_m c:LZW r:CROP"\nm g1 i0 f0 m2 p0.00784314\n'
 SIZE = (1001, 802)
@@ -298,6 +301,28 @@ def test_hugin_goes_on_from_what_was_written(tmp_path: Path) -> None:
     assert turn_between(found[1] @ found[0].T, true[1] @ true[0].T) < 0.002
 
 
+@has_hugin
+def test_hugin_evens_out_exposure_and_vignetting_as_we_do(tmp_path: Path) -> None:
+    camera, (w1, w2) = Camera(Equidistant(120), (400, 400), (199.5, 199.5), half_fov=1.6), (-0.4, -0.3)
+    v, u = np.mgrid[:400, :400]
+    s = (np.hypot(u - 199.5, v - 199.5) / 120 / 1.6) ** 2
+    frames = []
+    for k, exposure_ev in enumerate((-0.5, 0.5)):
+        light = np.where(s < 1, 0.3 * 2.0 ** (exposure_ev + w1 * s + w2 * s * s), 0)
+        name = tmp_path / f"{k}.png"
+        cv2.imwrite(str(name), np.dstack([srgb8(light)] * 3))
+        frame = Frame(f"{k}", str(name), (400, 400), lambda: np.empty(0), exposure_ev=exposure_ev)
+        frames.append(dataclasses.replace(frame, camera_from_world=np.eye(3)))
+    write_pto(tmp_path / "a.pto", Mosaic((camera,), tuple(frames), (), vignetting_ev=(w1, w2)))
+    subprocess.run(["nona", "-r", "ldr", "-o", tmp_path / "n", tmp_path / "a.pto"], check=True, capture_output=True)
+    for path in sorted(tmp_path.glob("n*.tif")):
+        picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        assert picture is not None
+        codes = picture[..., 0][picture[..., 3] == 255] / 255
+        light = np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
+        assert np.abs(np.log2(np.percentile(light, [2, 50, 98]) / 0.3)).max() < 0.15
+
+
 def test_many_matches_are_thinned(tmp_path: Path) -> None:
     mosaic = mosaic_of(FOLLOWED[3], tmp_path)
     many = dataclasses.replace(
@@ -446,6 +471,23 @@ MALFORMED = [
 def test_what_is_no_project_is_refused_by_the_line(tmp_path: Path, lines: tuple[str, ...], message: str) -> None:
     with pytest.raises(InputError, match=rf"^.*a\.pto: {message}"):
         read_pto(project(tmp_path, *lines))
+
+
+@given(seed=SEEDS)
+@law(60)
+def test_a_damaged_project_is_read_or_refused(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+    lens = PanoToolsLens((800, 400), 2, 400, b=-0.01, d=-200, e=3)
+    lines = image_line(lens, "Eev1.25 S0,400,0,400", "dual.png"), image_line(lens, "", "b.png").replace("v400", "v=0")
+    folder = tmp_path_factory.mktemp("damaged")
+    path = project(folder, *lines, "c n0 N1 x100 y110 X500 Y210 t0", 'k i0 t0 p"0 0 50 0 50 50 0 50"')
+    content, rng = bytearray(path.read_bytes()), np.random.default_rng(seed)
+    for place in rng.integers(len(HEAD), len(content), rng.integers(1, 4)):
+        content[place] = rng.choice(list(b'0123456789.-=e"in c,S\n\xff'))
+    path.write_bytes(content)
+    with contextlib.suppress(FullsphereError):
+        read = read_pto(path)
+        assert len(read.frames) == len(read.lenses) > 0
+        read.as_mosaic()
 
 
 def test_what_is_no_text_is_refused(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """mosaic.json: what is written comes back, and what is not exactly a mosaic is refused by the key's name."""
 
+import contextlib
 import copy
 import dataclasses
 import json
@@ -332,3 +333,21 @@ def test_what_is_no_json_object_is_refused_by_the_file(tmp_path: Path, text: str
     (tmp_path / "bad.json").write_text(text)
     with pytest.raises(InputError, match=r"bad\.json: "):
         load_mosaic(tmp_path / "bad.json")
+
+
+@given(seed=SEEDS)
+@law(150)
+def test_a_damaged_mosaic_is_read_or_refused(content: Any, seed: int) -> None:
+    """Whatever value stands in whatever place: nothing but InputError."""
+    value, rng = copy.deepcopy(content), np.random.default_rng(seed)
+    at: Any = value
+    while True:
+        keys = list(at) if isinstance(at, dict) else list(range(len(at)))
+        key = keys[int(rng.integers(len(keys)))]
+        if not (isinstance(at[key], dict | list) and at[key] and rng.random() < 0.9):
+            break
+        at = at[key]
+    odd = [None, True, -1, 0, 0.5, 1e300, 10**300, "", "x", "a\0b", [], {}, [[]], [1], {"a": 1}]
+    at[key] = odd[int(rng.integers(len(odd)))]
+    with contextlib.suppress(InputError):
+        mosaic_to_dict(mosaic_from_dict(value, "there.json", Path()), Path())
