@@ -8,7 +8,8 @@ import numpy as np
 
 from fullsphere.mosaic.features import Features
 
-_ROWS, _COLUMNS, _DIRECTIONS = 4, 4, 8  # of a SIFT descriptor: cells across and along its orientation, and gradients
+_PLACES = np.arange(128).reshape(4, 4, 8)  # of a SIFT descriptor: cells across and along its orientation, gradients
+_MIRRORED = _PLACES[::-1][..., -np.arange(8) % 8].ravel()
 
 
 def flipped(features: Features, width: int) -> Features:
@@ -26,7 +27,4 @@ def flipped(features: Features, width: int) -> Features:
     """
     pixels = features.pixels.copy()
     pixels[:, 0] = width - 1 - pixels[:, 0]
-    cells = features.descriptors.reshape(-1, _ROWS, _COLUMNS, _DIRECTIONS)[:, ::-1]
-    directions = -np.arange(_DIRECTIONS) % _DIRECTIONS
-    descriptors = np.ascontiguousarray(cells[..., directions].reshape(features.descriptors.shape))
-    return dataclasses.replace(features, pixels=pixels, descriptors=descriptors)
+    return dataclasses.replace(features, pixels=pixels, descriptors=features.descriptors[:, _MIRRORED])

@@ -63,6 +63,8 @@ class Parallax(NamedTuple):
     direction
         Unit vector (3,) along the translation in the second frame; its sign is not known.  NaN where the rotation
         leaves next to nothing.
+    turn
+        (3, 3), the rotation that goes with the translation.
     """
 
     verdict: str
@@ -73,6 +75,7 @@ class Parallax(NamedTuple):
     gain: float
     rotation: FloatArray
     direction: FloatArray
+    turn: FloatArray
 
 
 class _Rays(NamedTuple):
@@ -95,7 +98,13 @@ class _Motion(NamedTuple):
 
 
 def pair_parallax(
-    rays_a: FloatArray, rays_b: FloatArray, pixel_a: FloatArray, pixel_b: FloatArray, reach_px: float, seed: int = 0
+    rays_a: FloatArray,
+    rays_b: FloatArray,
+    pixel_a: FloatArray,
+    pixel_b: FloatArray,
+    reach_px: float,
+    seed: int = 0,
+    rotation: FloatArray | None = None,
 ) -> Parallax | None:
     """Compare rotation with rotation and translation on the matches of two frames.
 
@@ -109,6 +118,8 @@ def pair_parallax(
         How many pixels a match may be off the rotation.
     seed
         Of the random trials.
+    rotation
+        (3, 3) b from a where it is known: if it leaves next to nothing, that is the answer.
 
     Returns
     -------
@@ -117,7 +128,13 @@ def pair_parallax(
     count = len(rays_a)
     evenly = np.linspace(0, count - 1, min(count, _MOST)).round().astype(np.intp)
     rays = _Rays(rays_a, rays_b, pixel_a, pixel_b).chosen(evenly)
-    tolerance = reach_px * np.hypot(rays.pixel_a, rays.pixel_b)
+    pixel = np.hypot(rays.pixel_a, rays.pixel_b)
+    if rotation is not None:
+        apart_px = _apart(rays, rotation) / pixel
+        within = apart_px < reach_px
+        if within.sum() >= _ENOUGH and np.median(apart_px[within]) < _NONE_PX:
+            return _none(rays.chosen(within), rotation)
+    tolerance = reach_px * pixel
     near = fit_rotation(rays.a, rays.b, tolerance, seed)
     if near is None or near.inliers.sum() < _ENOUGH:
         return None
@@ -135,8 +152,8 @@ def pair_parallax(
     agree = np.abs(off_plane) < 3 * sigma
     if agree.sum() < _ENOUGH:
         return None
-    turn = _median_rotation(rays.chosen(agree), near.rotation)
-    apart = _apart(rays, turn)
+    alone = _median_rotation(rays.chosen(agree), near.rotation)
+    apart = _apart(rays, alone)
     gain = _gric(apart / pixel / sigma, 2, 3) - _gric(off_plane / sigma, 3, 5)
     size_px = math.sqrt(max(float(np.median((apart / pixel)[agree])) ** 2 - (_RAYLEIGH * sigma) ** 2, 0.0))
     clear = gain > 0 and size_px > max(_CLEARLY * sigma, _MATTERS_PX)
@@ -147,13 +164,18 @@ def pair_parallax(
         sigma,
         int(agree.sum()),
         gain / len(rays.a),
-        turn,
+        alone,
         motion.direction,
+        motion.rotation,
     )
 
 
 def parallaxes(
-    evidence: Evidence, cameras: Sequence[Camera], pairs: Sequence[Pair], executor: Executor | None = None
+    evidence: Evidence,
+    cameras: Sequence[Camera],
+    pairs: Sequence[Pair],
+    executor: Executor | None = None,
+    rotations: Mapping[int, FloatArray] | None = None,
 ) -> Mapping[Pair, Parallax]:
     """The comparison for pairs of frames, by all their matches; those without enough matches are left out.
 
@@ -167,7 +189,10 @@ def parallaxes(
         Those to compare.
     executor
         Where pairs are worked on side by side.
+    rotations
+        camera_from_world (3, 3) of frames where they are known: pairs that agree with them closely cost no search.
     """
+    known = rotations or {}
     camera_of = {k: cameras[evidence.camera_of.get(k, 0)] for k in evidence.features}
 
     def compare(pair: Pair) -> Parallax | None:
@@ -178,7 +203,8 @@ def parallaxes(
         a, b = a[seen], b[seen]
         pixel_a, pixel_b = 1 / camera_of[i].pixels_per_radian(a), 1 / camera_of[j].pixels_per_radian(b)
         reach = REACH * min(camera_of[i].image_radius, camera_of[j].image_radius)
-        return pair_parallax(a, b, pixel_a, pixel_b, reach, seed=i * 100_003 + j)
+        turn = known[j] @ known[i].T if i in known and j in known else None
+        return pair_parallax(a, b, pixel_a, pixel_b, reach, i * 100_003 + j, turn)
 
     found = ordered_map(executor, compare, list(pairs))
     return {pair: one for pair, one in zip(pairs, found, strict=True) if one is not None}
@@ -189,7 +215,7 @@ def _none(rays: _Rays, rotation: FloatArray) -> Parallax:
     apart_px = _apart(rays, rotation) / np.hypot(rays.pixel_a, rays.pixel_b)
     sigma = float(np.median(apart_px)) / _RAYLEIGH
     agree = int((apart_px < 4 * sigma).sum())
-    return Parallax("rotation", 0.0, 0.0, sigma, agree, 0.0, rotation, np.full(3, np.nan))
+    return Parallax("rotation", 0.0, 0.0, sigma, agree, 0.0, rotation, np.full(3, np.nan), rotation)
 
 
 def _apart(rays: _Rays, rotation: FloatArray) -> FloatArray:
