@@ -37,18 +37,22 @@ class Turn(NamedTuple):
 
 def turns() -> tuple[Turn, ...]:
     """A hand-held turn and a pair through a fisheye lens, and a row through an ordinary one."""
-    half = math.radians(91.5)
-    lens = BaksteinPajdla(1350.0, 2.11, 420.0, 1.13)
-    fisheye = Camera(lens.scaled(580 / float(lens.radius(half))), (1200, 1200), (602.0, 596.0), half_fov=half)
+    fisheye, wider = _fisheye(91.5), _fisheye(97.5)
     ordinary = Camera(Perspective(1000.0), (1200, 800), (599.5, 399.5), half_fov=math.atan(721 / 1000))
     eight = np.array([(45 * i, 25 * (-1) ** i, 10 * (i % 3 - 1)) for i in range(8)], float)
     row = np.array([(30 * i, 3 * math.sin(i), 0) for i in range(12)], float)
     return (
         Turn("8 frames by hand, fisheye", fisheye, eight, 1500),
         Turn("4 frames on a tripod, fisheye", fisheye, eight[::2] * (1, 0.05, 0.1), 800),
-        Turn("2 frames back to back, fisheye", fisheye, np.array([(0, 0, 0), (175, 1, 0)], float), 4000),
+        Turn("2 frames back to back, fisheye", wider, np.array([(0, 0, 0), (180, 0, 0)], float), 8000),
         Turn("12 frames in a row, ordinary lens", ordinary, row, 15000),
     )
+
+
+def _fisheye(half_fov_deg: float) -> Camera:
+    half = math.radians(half_fov_deg)
+    lens = BaksteinPajdla(1350.0, 2.11, 420.0, 1.13)
+    return Camera(lens.scaled(580 / float(lens.radius(half))), (1200, 1200), (602.0, 596.0), half_fov=half)
 
 
 def sigma_rows(seeds: int) -> list[Row]:
