@@ -21,6 +21,7 @@ _MATCHES = ("matches_px", "held_out_px")
 _FIGURES = ("residual_px", "held_out_residual_px")  # said for people, and not read
 _KEYS = ("frames", "matches", "verdict", "second_from_first", *_MATCHES)
 _DECIMALS = 3  # of a pixel: a hundredth of what a keypoint is good to
+_GATE = 12 / 1920  # of the longer side: held-out matches further off are of something else, as in `quality`
 _MOST = 1 << 24
 _NOWHERE = np.full((3, 3), np.nan)
 
@@ -56,6 +57,7 @@ def _link(link: Link, mosaic: Mosaic, rotations: FloatArray, rig: Rig) -> dict[s
         value[key] = np.hstack([i, j]).ravel()
         as_held = dataclasses.replace(link, held_i=i, held_j=j)
         residuals = held_out_px([as_held], rotations, mosaic.cameras, rig)
+        residuals = residuals[residuals < _GATE * max(mosaic.frames[link.j].size)]
         value[figure] = round(float(np.median(residuals)), _DECIMALS) if residuals.size else None
     return value
 
