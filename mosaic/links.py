@@ -9,12 +9,16 @@ from concurrent.futures import Executor
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fullsphere.model.camera import Camera
+from fullsphere.model.lens import FloatArray
 from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.features import Features
-from fullsphere.mosaic.matching import NO_MATCHES, Matches, fit_rotation, held_back, match_features
+from fullsphere.mosaic.matching import NO_MATCHES, Matches, RotationFit, fit_rotation, held_back, match_features
 from fullsphere.mosaic.project import Link
+
+_BY_CHANCE, _SHARE_BY_CHANCE = 5.9, 0.22  # matches that chance makes agree: Brown & Lowe, ICCV 2003, section 3.2
 
 Pair = tuple[int, int]
 
@@ -86,7 +90,7 @@ class Evidence:
             first, second = first[seen], second[seen]
             tolerance = tolerance_px * np.hypot(1 / scale[i][first], 1 / scale[j][second])
             fit = fit_rotation(rays[i][first], rays[j][second], tolerance, seed=i * 100_003 + j)
-            if fit is None:
+            if fit is None or not _credible(fit, (camera[i], rays[i][first]), (camera[j], rays[j][second])):
                 return None
             a, b = self.features[i].pixels[first[fit.inliers]], self.features[j].pixels[second[fit.inliers]]
             held = self.held.get(pair, NO_MATCHES)
@@ -96,6 +100,26 @@ class Evidence:
 
         found = ordered_map(executor, link, list(self.matches) if pairs is None else pairs)
         return [one for one in found if one is not None]
+
+
+def _credible(fit: RotationFit, one: tuple[Camera, FloatArray], other: tuple[Camera, FloatArray]) -> bool:
+    """Whether enough agree of the matches whose keypoints both frames would show, were they turned so.
+
+    Things that look alike, windows or a frame and its mirror image, make some matches agree with a wrong rotation, but
+    few of those where the frames would overlap.  Brown & Lowe, ICCV 2003, section 3.2.
+    """
+    (camera_i, rays_i), (camera_j, rays_j) = one, other
+    shown = _shows(camera_j, rays_i @ fit.rotation.T) & _shows(camera_i, rays_j @ fit.rotation)
+    return int(fit.inliers.sum()) > _BY_CHANCE + _SHARE_BY_CHANCE * int(shown.sum())
+
+
+def _shows(camera: Camera, rays: FloatArray) -> NDArray[np.bool_]:
+    """Whether a camera's picture shows rays (n, 3)."""
+    u, v = camera.project(rays).T
+    width, height = camera.size
+    with np.errstate(invalid="ignore"):
+        inside: NDArray[np.bool_] = (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5)
+    return inside
 
 
 def gather_evidence(features: Mapping[int, Features], executor: Executor | None, progress: Progress) -> Evidence:

@@ -36,7 +36,7 @@ MATCH_TOLERANCE = 1 / 480
 
 _START = 0.02  # of the picture's radius: how well matches must agree while the lens is only guessed
 _SAMPLE = 150  # matches of a link that are enough while the camera is being found
-_CLEARLY = 5  # standard deviations that an aspect must be off 1 to be believed: most pixels are square
+_NOT_SQUARE = 0.005  # standard deviation of the aspect: pixels are square, but some pictures were resized unevenly
 _OFF_CENTRE = 0.02  # of the circle's radius: standard deviation of the axis from the circle's centre
 _CENTRE = ("centre_u_px", "centre_v_px")
 
@@ -119,15 +119,19 @@ def self_calibrate(
         If no two frames can be registered under any of the starts.
     """
     few, more = evidence.strongest_pairs(2), evidence.strongest_pairs(5)
-    middles = [  # of the circle, or of the picture where there is none: the axis meets it nearby
-        Known(_CENTRE, np.array(start.centre), np.eye(2) * (_OFF_CENTRE * start.image_radius) ** 2)
+    usual = [  # the axis meets the picture near the middle of its circle, or its own where there is none
+        Known(
+            (*_CENTRE, "aspect"),
+            np.array([*start.centre, 1.0]),
+            np.diag([(_OFF_CENTRE * start.image_radius) ** 2] * 2 + [_NOT_SQUARE**2]),
+        )
         for start in starts[0]
     ]
 
     def improve(cameras: Sequence[Camera], links: Sequence[Link], free: Sequence[str], scale: float) -> Adjustment:
         sampled = [thinned(link, _SAMPLE) for link in links]
         tied = [name for name in free if name not in _CENTRE]
-        return solve_links(sampled, rig, cameras, free, (scale,), tolerance=1e-4, known=middles, tied=tied).adjustment
+        return solve_links(sampled, rig, cameras, free, (scale,), tolerance=1e-4, known=usual, tied=tied).adjustment
 
     cameras = _best_start(starts, lambda start: evidence.links(start, _START * start[0].image_radius, executor, few))
     links = evidence.links(cameras, _START * cameras[0].image_radius, executor, more)
@@ -145,11 +149,8 @@ def self_calibrate(
         cameras = of_one_lens(tuple(with_lens(camera, lens) for camera in cameras))
         shape = _lens_names(cameras)
     links = evidence.links(cameras, tolerance_px(cameras), executor)
-    oblong = (*shape, "aspect", *_CENTRE)
-    solution = solve_links(links, rig, cameras, oblong, known=middles, tied=(*shape, "aspect"))
-    if _are_square(solution.adjustment):
-        solution = solve_links(links, rig, cameras, (*shape, *_CENTRE), known=middles, tied=shape)
-    return solution
+    tied = (*shape, "aspect")
+    return solve_links(links, rig, cameras, (*tied, *_CENTRE), known=usual, tied=tied)
 
 
 def tolerance_px(cameras: Sequence[Camera]) -> float:
@@ -166,13 +167,6 @@ def of_one_lens(cameras: Sequence[Camera]) -> tuple[Camera, ...]:
         for camera, v in zip(cameras, values, strict=True)
     ]
     return tuple(camera if camera is not None else first for camera in others)
-
-
-def _are_square(adjustment: Adjustment) -> bool:
-    """Whether the pixels may be square: an aspect must be clearly off 1 to be believed, and sensors' seldom are."""
-    index = adjustment.cameras[0].parameter_names.index("aspect")
-    sigma = math.sqrt(adjustment.covariances[0][index, index])
-    return abs(adjustment.cameras[0].aspect - 1) < _CLEARLY * sigma
 
 
 def with_lens(camera: Camera, projection: str) -> Camera:
