@@ -31,6 +31,7 @@ def diagnose(
     evidence: Evidence,
     parallax: Mapping[Pair, Parallax] | None = None,
     wrong: WrongLens | None = None,
+    places: Viewpoints | None = None,
     executor: Executor | None = None,
 ) -> tuple[str, ...]:
     """Sentences about a set of frames, the most important first; none where all is well.
@@ -45,6 +46,8 @@ def diagnose(
         Of pairs of frames, where it is known already.
     wrong
         What `wrong_lens` found of cameras that were given.
+    places
+        The groups that frames fell into, where those of another place were left out already.
     executor
         Where pairs are worked on side by side.
     """
@@ -53,14 +56,14 @@ def diagnose(
         parallax = parallaxes(evidence, mosaic.cameras, pairs_to_compare(evidence), executor, rotations)
     placed = {k for k, frame in enumerate(mosaic.frames) if frame.registered}
     parallax = {pair: one for pair, one in parallax.items() if placed.issuperset(pair)}
-    places = viewpoints(parallax)
+    here = viewpoints(parallax)
     sentences = [
-        *_of_places(mosaic.frames, places),
+        *_of_places(mosaic.frames, places or here),
         *_of_wrong_lens(wrong),
         *(weak_lens := _of_weak_lens(mosaic)),
         *_of_weak_frames(mosaic, lens_known=not weak_lens),
         *_of_moving_things(mosaic, evidence, parallax),
-        *([] if places is not None else _of_parallax(mosaic.frames, parallax)),
+        *([] if here is not None else _of_parallax(mosaic.frames, parallax)),
     ]
     return tuple(sentences)
 
