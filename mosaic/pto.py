@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fullsphere.model.camera import Camera
+from fullsphere.model.circle import within_circle
 from fullsphere.model.errors import InputError
 from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.project import Frame, Link, Mosaic
 from fullsphere.mosaic.pto_images import read_images
 from fullsphere.mosaic.pto_lens import PanoToolsLens
 from fullsphere.mosaic.pto_text import PtoLine, read_lines
+from fullsphere.mosaic.rim import common_circle
 
 NORMAL, VERTICAL, HORIZONTAL = 0, 1, 2
 """Kinds of control points: the same thing in two pictures; two points of a line that is vertical, or horizontal."""
@@ -61,6 +63,8 @@ class Project:
         Control points, of all kinds, in pixels of the frames.
     lenses
         The lens of each frame exactly as Hugin has it, for the whole of its file.
+    recorded
+        Whether the camera of each frame is the one that `write_pto` left in a comment.
     vignetting_ev
         As in `Mosaic`.
     missing
@@ -74,6 +78,7 @@ class Project:
     error_px: tuple[float, ...]
     points: ControlPoints = dataclasses.field(repr=False)
     lenses: tuple[PanoToolsLens, ...] = dataclasses.field(repr=False)
+    recorded: tuple[bool, ...] = dataclasses.field(repr=False)
     vignetting_ev: tuple[float, float] = (0.0, 0.0)
     missing: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -82,6 +87,25 @@ class Project:
     def rotations(self) -> FloatArray:
         """camera_from_world (n, 3, 3) of the frames as the project has them."""
         return np.array([frame.prior for frame in self.frames])
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the lenses were ever adjusted, or written here; a new project has no more than a field of view."""
+        return all(
+            recorded or lens.a != 0 or lens.b != 0 or lens.c != 0
+            for lens, recorded in zip(self.lenses, self.recorded, strict=True)
+        )
+
+    def within_circles(self) -> Project:
+        """The project with its cameras' fields of view ended at the image circles that the pictures show.
+
+        A project need not say where a circular fisheye ends; the pictures that are there are opened to see it.
+        """
+        cameras = []
+        for k, camera in enumerate(self.cameras):
+            taken = [frame for frame in self.frames if frame.camera == k and frame.image not in self.missing]
+            cameras.append(within_circle(camera, common_circle(taken)))
+        return dataclasses.replace(self, cameras=tuple(cameras))
 
     def to_register(self) -> list[Frame]:
         """The frames for `register`; those whose picture is missing are left out with that reason."""
@@ -121,6 +145,7 @@ def read_pto(path: Path) -> Project:
         error_px=tuple(fitted.error_px for fitted in images.cameras),
         points=_points([line for line in lines if line.kind == "c"], frames),
         lenses=tuple(images.lenses),
+        recorded=tuple(images.recorded),
         vignetting_ev=images.vignetting_ev,
         missing=missing,
         notes=tuple(notes),

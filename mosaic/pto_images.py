@@ -36,20 +36,22 @@ _SAME_VIGNETTING_EV = 0.05
 
 
 class PtoImages(NamedTuple):
-    """Frames, the lens of each, their cameras with the error in pixels, vignetting in EV, and what was left behind."""
+    """Frames, the lens of each and whether its camera was recorded, cameras, vignetting in EV, and what was left."""
 
     frames: list[Frame]
     lenses: list[PanoToolsLens]
+    recorded: list[bool]
     cameras: list[FittedCamera]
     vignetting_ev: tuple[float, float]
     notes: list[str]
 
 
 class _Part(NamedTuple):
-    """The part of a file that a picture is, None for all, and its camera."""
+    """The part of a file that a picture is, None for all, its camera, and whether a comment told it."""
 
     crop: Crop | None
     fitted: FittedCamera
+    recorded: bool = False
 
 
 def read_images(every: Sequence[PtoLine], path: Path) -> PtoImages:
@@ -85,7 +87,14 @@ def read_images(every: Sequence[PtoLine], path: Path) -> PtoImages:
     frames, mask_notes = masked(frames, [line for line in every if line.kind == "k"], [lenses.index(x) for x in lenses])
     vignetting, notes = _vignetting(lines, lenses, [parts[key].fitted for key in keys])
     notes = [note for line in lines for note in _left_behind(line)] + mask_notes + notes
-    return PtoImages(frames, lenses, [part.fitted for part in parts.values()], vignetting, notes)
+    return PtoImages(
+        frames,
+        lenses,
+        [parts[key].recorded for key in keys],
+        [part.fitted for part in parts.values()],
+        vignetting,
+        notes,
+    )
 
 
 def _resolved(lines: Sequence[PtoLine], k: int) -> PtoLine:
@@ -162,7 +171,7 @@ def _recorded(lens: PanoToolsLens, data: Mapping[str, Any]) -> _Part | None:
     if (width, height) != camera.size or clipped((left, top, width, height), lens.size) != (left, top, width, height):
         return None
     reached = difference_px(camera, lens, (left, top))
-    return _Part(part, FittedCamera(camera, 0.0)) if reached <= error_px + _SAME_PX else None
+    return _Part(part, FittedCamera(camera, 0.0), True) if reached <= error_px + _SAME_PX else None
 
 
 def _frame(line: PtoLine, file: Path, part: _Part, reference: float) -> Frame:

@@ -403,6 +403,26 @@ def test_missing_pictures_are_named_and_left_out(tmp_path: Path) -> None:
         read.frames[0].load()
 
 
+def test_a_lens_is_calibrated_once_it_was_adjusted_or_written_here(tmp_path: Path) -> None:
+    plain, bent = PanoToolsLens(SIZE, 3, 190, d=3), PanoToolsLens(SIZE, 3, 190, c=0.01)
+    assert not read_pto(project(tmp_path, image_line(plain), image_line(bent))).calibrated
+    assert read_pto(project(tmp_path, image_line(bent), image_line(bent))).calibrated
+    write_pto(tmp_path / "b.pto", mosaic_of(FOLLOWED[4], tmp_path))
+    written = read_pto(tmp_path / "b.pto")
+    assert written.lenses[0].a == written.lenses[0].b == written.lenses[0].c == 0
+    assert written.calibrated
+
+
+def test_pictures_show_where_a_circular_fisheye_ends(tmp_path: Path) -> None:
+    lens = PanoToolsLens((600, 500), 2, 220)
+    v, u = np.mgrid[:500, :600]
+    disc = np.where(np.hypot(u - 299.5, v - 249.5) < 230, 180, 2).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "a.png"), np.dstack([disc] * 3))
+    read = read_pto(project(tmp_path, image_line(lens, name="a.png"), image_line(lens, name="gone.png")))
+    assert read.cameras[0].image_radius > 380
+    assert read.within_circles().cameras[0].image_radius == pytest.approx(230, abs=2)
+
+
 def test_a_mask_of_a_lens_is_that_of_all_its_pictures(tmp_path: Path) -> None:
     lens, other = PanoToolsLens(SIZE, 3, 190), PanoToolsLens(SIZE, 3, 180)
     lines = [image_line(lens, name="a.jpg"), image_line(lens, name="b.jpg"), image_line(other, name="c.jpg")]
