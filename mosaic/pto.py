@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from fullsphere.model.camera import Camera
 from fullsphere.model.circle import within_circle
 from fullsphere.model.errors import InputError
 from fullsphere.model.lens import FloatArray
+from fullsphere.mosaic.frames import read_files
 from fullsphere.mosaic.project import Frame, Link, Mosaic
 from fullsphere.mosaic.pto_images import read_images
 from fullsphere.mosaic.pto_lens import PanoToolsLens
@@ -26,6 +28,7 @@ NORMAL, VERTICAL, HORIZONTAL = 0, 1, 2
 """Kinds of control points: the same thing in two pictures; two points of a line that is vertical, or horizontal."""
 
 _FARTHEST_PX = 1e7
+_ALIKE = 1e-9
 _FEWEST = 2  # matches that determine a rotation
 _MOST_NOTES = 20
 _KNOWN = "pmickvo*"  # o and what follows * is what an optimiser reported; the rest of p and m is about output
@@ -96,23 +99,33 @@ class Project:
             for lens, recorded in zip(self.lenses, self.recorded, strict=True)
         )
 
-    def within_circles(self) -> Project:
-        """The project with its cameras' fields of view ended at the image circles that the pictures show.
+    def opened(self, executor: Executor | None = None, progress: Callable[..., Any] | None = None) -> Project:
+        """The project with its pictures looked at: ready to be registered.
 
-        A project need not say where a circular fisheye ends; the pictures that are there are opened to see it.
+        Frames whose picture is missing, damaged or of another size are left out with the reason; the others know what
+        their files tell of them.  Orientations that are all alike are those of a new project, and no priors.  A project need not say where a circular fisheye ends: fields of view are ended at the
+        image circles that the pictures show.
+
+        Parameters
+        ----------
+        executor
+            Where files are read side by side.
+        progress
+            Wraps the loop over the files.
         """
-        cameras = []
-        for k, camera in enumerate(self.cameras):
-            taken = [frame for frame in self.frames if frame.camera == k and frame.image not in self.missing]
-            cameras.append(within_circle(camera, common_circle(taken)))
-        return dataclasses.replace(self, cameras=tuple(cameras))
-
-    def to_register(self) -> list[Frame]:
-        """The frames for `register`; those whose picture is missing are left out with that reason."""
-        return [
-            frame.left_out(f"{frame.image}: there is no such file") if frame.image in self.missing else frame
-            for frame in self.frames
-        ]
+        paths = list(dict.fromkeys(Path(frame.image) for frame in self.frames if frame.image not in self.missing))
+        files = {str(path): file for path, file in zip(paths, read_files(paths, executor, progress), strict=True)}
+        frames = tuple(
+            _checked(frame, files.get(frame.image), lens.size)
+            for frame, lens in zip(self.frames, self.lenses, strict=True)
+        )
+        if len(frames) > 1 and np.abs(self.rotations - self.rotations[0]).max() < _ALIKE:
+            frames = tuple(dataclasses.replace(frame, prior=None) for frame in frames)
+        cameras = tuple(
+            within_circle(camera, common_circle([f for f in frames if f.camera == k and not f.reason]))
+            for k, camera in enumerate(self.cameras)
+        )
+        return dataclasses.replace(self, frames=frames, cameras=cameras)
 
     def as_mosaic(self) -> Mosaic:
         """The project as it stands: its orientations, its control points as links."""
@@ -178,6 +191,18 @@ def links_of(
             j_from_i = np.asarray(Rotation.align_vectors(rays_j[seen], rays_i[seen])[0].as_matrix())
         links.append(Link(first, second, a[of_pair][seen], b[of_pair][seen], j_from_i))
     return links
+
+
+def _checked(frame: Frame, file: Frame | None, size: tuple[int, int]) -> Frame:
+    """The frame with what its file tells, or left out; `size` is that of the file by the project."""
+    if file is None:
+        return frame.left_out(f"{frame.image}: there is no such file")
+    if file.reason:
+        return frame.left_out(file.reason)
+    if file.size != size:
+        this, that = (f"{width} x {height}" for width, height in (file.size, size))
+        return frame.left_out(f"is {this} pixels, the project is for {that}")
+    return dataclasses.replace(frame, quarter_turns=file.quarter_turns, gravity=file.gravity)
 
 
 def _on_one_axis(rays: FloatArray) -> bool:

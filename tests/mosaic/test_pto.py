@@ -398,7 +398,7 @@ def test_missing_pictures_are_named_and_left_out(tmp_path: Path) -> None:
     gone = str(tmp_path / "sub/gone.jpg")
     assert read.missing == (gone,)
     assert f"{gone}: there is no such file" in read.notes
-    assert read.to_register()[0].reason == f"{gone}: there is no such file"
+    assert read.opened().frames[0].reason == f"{gone}: there is no such file"
     with pytest.raises(InputError, match=r"gone\.jpg: there is no such file"):
         read.frames[0].load()
 
@@ -418,9 +418,24 @@ def test_pictures_show_where_a_circular_fisheye_ends(tmp_path: Path) -> None:
     v, u = np.mgrid[:500, :600]
     disc = np.where(np.hypot(u - 299.5, v - 249.5) < 230, 180, 2).astype(np.uint8)
     cv2.imwrite(str(tmp_path / "a.png"), np.dstack([disc] * 3))
-    read = read_pto(project(tmp_path, image_line(lens, name="a.png"), image_line(lens, name="gone.png")))
+    gone = image_line(lens, name="gone.png", angles="r1 p2 y3")
+    read = read_pto(project(tmp_path, image_line(lens, name="a.png"), gone))
+    assert read.opened().frames[0].prior is not None
     assert read.cameras[0].image_radius > 380
-    assert read.within_circles().cameras[0].image_radius == pytest.approx(230, abs=2)
+    assert read.opened().cameras[0].image_radius == pytest.approx(230, abs=2)
+
+
+def test_pictures_that_cannot_be_used_are_left_out(tmp_path: Path) -> None:
+    lens = PanoToolsLens((60, 50), 3, 120)
+    for name, size in (("good.png", (50, 60)), ("small.png", (40, 60))):
+        cv2.imwrite(str(tmp_path / name), np.random.default_rng(0).integers(0, 255, (*size, 3), np.uint8))
+    (tmp_path / "damaged.png").write_bytes((tmp_path / "good.png").read_bytes()[:500])
+    read = read_pto(project(tmp_path, *(image_line(lens, name=f"{name}.png") for name in ("good", "small", "damaged"))))
+    assert read.opened().frames[0].prior is None  # the orientations of a new project are all alike
+    reasons = [frame.reason for frame in read.opened().frames]
+    assert reasons[0] == ""
+    assert reasons[1] == "is 60 x 40 pixels, the project is for 60 x 50"
+    assert reasons[2]
 
 
 def test_a_mask_of_a_lens_is_that_of_all_its_pictures(tmp_path: Path) -> None:
