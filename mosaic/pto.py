@@ -103,8 +103,8 @@ class Project:
         """The project with its pictures looked at: ready to be registered.
 
         Frames whose picture is missing, damaged or of another size are left out with the reason; the others know what
-        their files tell of them.  Orientations that are all alike are those of a new project, and no priors.  A project need not say where a circular fisheye ends: fields of view are ended at the
-        image circles that the pictures show.
+        their files tell of them.  Orientations that are all alike are those of a new project, and no priors.  A project
+        need not say where a circular fisheye ends: fields of view are ended at the image circles that pictures show.
 
         Parameters
         ----------
