@@ -1,5 +1,9 @@
 """Frames taken from several places fall into groups; those of one tripod do not, however badly it was set up."""
 
+import math
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,7 +11,9 @@ from turning import orientation
 from walking import evidence_of, room_points
 
 from fullsphere.model.camera import Camera
-from fullsphere.model.lens import FloatArray
+from fullsphere.model.images import read_picture
+from fullsphere.model.lens import Equisolid, FloatArray
+from fullsphere.model.workers import thread_pool
 from fullsphere.mosaic.features import find_features
 from fullsphere.mosaic.links import Evidence, gather_evidence
 from fullsphere.mosaic.parallax import parallaxes
@@ -27,6 +33,9 @@ def found_in(evidence: Evidence, camera: Camera = CAMERA) -> Viewpoints | None:
 def off_the_axis(rotations: list[FloatArray], metres: float) -> FloatArray:
     """Where the entrance pupil is when a lens is turned about a point so far behind it."""
     return np.array([metres * rotation[2] for rotation in rotations])
+
+
+SHARED = Path(os.environ.get("FULLSPHERE_SHARED", Path(__file__).resolve().parents[2].parent / "shared"))
 
 
 @given(seed=SEEDS)
@@ -106,3 +115,23 @@ def test_a_room_photographed_from_two_places() -> None:
     found = found_in(gather_evidence(features, None, lambda items, **_: items), camera)
     assert found is not None
     assert found.groups == ((0, 1, 2), (3, 4, 5))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SHARED.exists(), reason="needs the shared frames")
+@pytest.mark.parametrize(
+    ("chosen", "groups"), [("12345678", ((0, 1, 2, 3), (4, 5, 6, 7))), ("1234", None), ("5678", None)]
+)
+def test_two_turns_of_a_real_room(chosen: str, groups: tuple[tuple[int, ...], ...] | None) -> None:
+    """With a lens that is only nearly the true one, as while it is being estimated."""
+    folder = SHARED / "data" / "frames" / "canon815-set7"
+    pictures = [read_picture(folder / f"7-{k}.jpg").pixels for k in chosen]
+    half_fov = math.radians(91)
+    camera = Camera(Equisolid(1241 / 2 / math.sin(half_fov / 2)), (3840, 2560), (1901, 1276), half_fov=half_fov)
+    inside = camera.unproject(np.stack(np.meshgrid(np.arange(3840), np.arange(2560)), -1).reshape(-1, 2))[:, 0]
+    mask = np.isfinite(inside).reshape(2560, 3840).astype(np.uint8)
+    with thread_pool() as pool:
+        features = dict(enumerate(pool.map(lambda picture: find_features(picture, mask, 3000), pictures)))
+        evidence = gather_evidence(features, pool, lambda items, **_: items)
+    found = found_in(evidence, camera)
+    assert groups == (None if found is None else found.groups)
