@@ -33,6 +33,7 @@ _LENS_VALUES = {"a": 100.0, "b": 100.0, "c": 100.0, "d": 1e7, "e": 1e7, "g": 1e7
 _ANGLE, _EV, _LIGHT = 1e4, 64.0, 1e6
 _SAME_PX = 1e-3
 _SAME_VIGNETTING_EV = 0.05
+_NEAR_EV = 1.0
 
 
 class PtoImages(NamedTuple):
@@ -66,7 +67,7 @@ def read_images(every: Sequence[PtoLine], path: Path) -> PtoImages:
     if not written:
         raise InputError(f"{path}: holds no picture, so it is no Hugin project")
     lines = [_resolved(written, k) for k in range(len(written))]
-    reference = next((line.number("E", 0.0, most=_EV) for line in every if line.kind == "p"), 0.0)
+    reference = _reference_ev(lines, next((line for line in every if line.kind == "p"), None))
     lenses = [_lens(line) for line in lines]
     records = [_record(line) for line in lines]
     keys = [
@@ -186,6 +187,15 @@ def _frame(line: PtoLine, file: Path, part: _Part, reference: float) -> Frame:
         crop_px=part.crop,
         prior=np.asarray(Rotation.from_euler("YXZ", angles, degrees=True).inv().as_matrix()),
     )
+
+
+def _reference_ev(lines: Sequence[PtoLine], panorama: PtoLine | None) -> float:
+    """The exposure of the panorama; the mean of the pictures' where it is not among them, so was never set."""
+    values = [line.number("Eev", 0.0, _EV) for line in lines]
+    told = None if panorama is None or "E" not in panorama.values else panorama.number("E", most=_EV)
+    if told is not None and min(values) - _NEAR_EV <= told <= max(values) + _NEAR_EV:
+        return told
+    return sum(values) / len(values)
 
 
 def _vignetting(

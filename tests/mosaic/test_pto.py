@@ -445,6 +445,16 @@ def test_a_mask_of_a_lens_is_that_of_all_its_pictures(tmp_path: Path) -> None:
     assert [frame.mask is not None for frame in read.frames] == [True, True, False]
 
 
+@pytest.mark.parametrize(("told", "expected"), [("E13", [0.5, -1.0]), ("E0", [0.75, -0.75]), ("", [0.75, -0.75])])
+def test_exposures_count_from_that_of_the_panorama_if_it_was_set(
+    tmp_path: Path, told: str, expected: list[float]
+) -> None:
+    lines = [image_line(PanoToolsLens(SIZE, 3, 190), f"Eev{value}", f"{value}.jpg") for value in (12.5, 14)]
+    path = project(tmp_path, *lines)
+    path.write_text(path.read_text().replace("E0", told, 1))
+    assert [frame.exposure_ev for frame in read_pto(path).frames] == expected
+
+
 def test_what_was_not_taken_over_is_said(tmp_path: Path) -> None:
     read = read_pto(project(tmp_path, image_line(PanoToolsLens(SIZE, 3, 190), "TrX0.1 Er1.1 Eb0.9")))
     assert any("line 3: the camera moved" in note for note in read.notes)
