@@ -2,7 +2,7 @@
 
 With the ideal projection r(theta) = F h(theta) of its type, R = r/half of the picture's shorter side, and the source
 radius half (a R^3 + b R^2 + c R + 1 - a - b - c) R; then the picture is shifted by (d, e) and sheared by (g, t).
-Formula: PanoTools wiki, "Lens correction model"; agrees with Hugin's `pano_trafo` to 0.0001 px of a picture.
+Formula: PanoTools wiki, "Lens correction model"; agrees with Hugin's `pano_trafo` to 0.001 px.
 """
 
 from __future__ import annotations
