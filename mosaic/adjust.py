@@ -156,7 +156,7 @@ def adjust(
     poses = poses_of(rotations, rig, group, len(cameras))
     problem = _Problem(links, MatchArrays.of(links), rig, unknowns, together, (), robust_scale_px)
     state = _evaluate(problem, poses, tuple(cameras))
-    beliefs = _beliefs(unknowns, cameras, known, _spread(state.residuals) ** 2)
+    beliefs = _beliefs(unknowns, cameras, known, spread_px(state.residuals) ** 2)
     if beliefs:
         problem = problem._replace(beliefs=beliefs)
         state = _evaluate(problem, poses, tuple(cameras))
@@ -297,7 +297,7 @@ def with_same_circle(camera: Camera, values: FloatArray) -> Camera | None:
         return None
 
 
-def _spread(residuals: FloatArray) -> float:
+def spread_px(residuals: FloatArray) -> float:
     """Standard deviation of one coordinate: lengths are Rayleigh distributed, with a median of s sqrt(2 ln 2)."""
     return float(np.median(residuals)) / math.sqrt(2 * math.log(2)) if residuals.size else 0.0
 
@@ -358,5 +358,5 @@ def _uncertainty(
         places = unknowns.camera_at[belief.camera][own]
         information[np.ix_(places, places)] += belief.information
     curvature = float((weights**2).sum() / weights.sum())
-    scores = Scores(hessian, by_cell, len(cells), _spread(state.residuals) ** 2, curvature)
+    scores = Scores(hessian, by_cell, len(cells), spread_px(state.residuals) ** 2, curvature)
     return Uncertainty.of(scores, unknowns, information, [(unknowns.camera_at[k], c) for k, c in fixed])

@@ -59,7 +59,7 @@ def diagnose(
     here = viewpoints(parallax)
     sentences = [
         *_of_places(mosaic.frames, places or here),
-        *_of_wrong_lens(wrong),
+        *of_wrong_lens(wrong),
         *(weak_lens := _of_weak_lens(mosaic)),
         *_of_weak_frames(mosaic, lens_known=not weak_lens),
         *_of_moving_things(mosaic, evidence, parallax),
@@ -88,7 +88,8 @@ def _of_places(frames: Sequence[Frame], places: Viewpoints | None) -> list[str]:
     ]
 
 
-def _of_wrong_lens(wrong: WrongLens | None) -> list[str]:
+def of_wrong_lens(wrong: WrongLens | None) -> list[str]:
+    """The sentence about cameras that were given and do not fit, where they do not."""
     if wrong is None:
         return []
     return [

@@ -20,7 +20,6 @@ from fullsphere.mosaic.project import Frame, Link, Mosaic
 from fullsphere.mosaic.rig import Rig
 from fullsphere.mosaic.self_calibration import tolerance_px
 from fullsphere.mosaic.solution import Solution
-from fullsphere.mosaic.viewpoints import Viewpoints
 
 HELD_OUT_GATE = 12 / 1920
 """Share of the picture's width beyond which two rays that no fit saw are no match at all."""
@@ -32,7 +31,7 @@ def mosaic_of(
     evidence: Evidence,
     solution: Solution,
     parallax: Mapping[Pair, Parallax],
-    places: Viewpoints | None,
+    self_calibrated: bool,
     levelling: Levelling,
     executor: Executor | None = None,
 ) -> Mosaic:
@@ -50,8 +49,8 @@ def mosaic_of(
         Their orientations.
     parallax
         Of pairs of frames, under the solution's cameras.
-    places
-        The groups that frames fell into, where they were taken from several places.
+    self_calibrated
+        Whether the solution's cameras were estimated from the frames themselves.
     levelling
         What up is found by.
     executor
@@ -74,6 +73,7 @@ def mosaic_of(
         tuple(placed),
         tuple(_judged(link, parallax) for link in links),
         level=level,
+        self_calibrated=self_calibrated,
         quality=_quality(solution, rig),
         camera_from_rig=tuple(adjusted.mounts) if rig.mount_tree(group) else (),
         camera_covariances=adjusted.covariances if any(c.any() for c in adjusted.covariances) else (),

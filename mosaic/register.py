@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import Any
 
@@ -15,20 +15,22 @@ from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.adjust import Known
 from fullsphere.mosaic.allowed import allowed_pixels
 from fullsphere.mosaic.copies import copies
+from fullsphere.mosaic.diagnosis import diagnose, of_wrong_lens
 from fullsphere.mosaic.features import Features, find_features
-from fullsphere.mosaic.links import Evidence, Progress, gather_evidence
+from fullsphere.mosaic.links import Evidence, Pair, Progress, gather_evidence
 from fullsphere.mosaic.options import DEFAULT, Options
 from fullsphere.mosaic.outcome import mosaic_of
-from fullsphere.mosaic.parallax import parallaxes
+from fullsphere.mosaic.parallax import Parallax, parallaxes
 from fullsphere.mosaic.project import Frame, Mosaic
 from fullsphere.mosaic.rig import Rig
 from fullsphere.mosaic.rim import common_circle
 from fullsphere.mosaic.self_calibration import self_calibrate, starting_cameras, tolerance_px
 from fullsphere.mosaic.solution import Solution, refined, solve_links
 from fullsphere.mosaic.viewpoints import Viewpoints, pairs_to_compare, viewpoints
+from fullsphere.mosaic.wrong_lens import wrong_lens
 
-_FEW = 16  # frames: of so many each may have its fill of keypoints
-_MOST_OF_FEW, _MOST_OF_MANY = 5000, 2500
+_KEYPOINTS = 40_000  # of all frames together: few frames may have their fill of them
+_MOST, _LEAST = 10_000, 2500  # of one frame
 
 
 def no_progress(items: Iterable[Any], title: str = "", total: int | None = None) -> Iterable[Any]:
@@ -88,15 +90,20 @@ def register(
         starts = [starting_cameras(own[0].size, circle) for own, circle in zip(of_camera, circles, strict=True)]
         return self_calibrate(evidence, list(zip(*starts, strict=True)), rig, options.lens, executor)
 
-    solution = solve(evidence)
-    parallax = parallaxes(evidence, solution.adjustment.cameras, pairs_to_compare(evidence), executor)
+    try:
+        solution = solve(evidence)
+    except GeometryError as error:
+        raise _because_of_the_lens(error, evidence, given, rig, executor) from error
+    parallax = _parallax(evidence, solution, executor)
     places = viewpoints(parallax)
     if places is not None:  # parallax between them has bent whatever was adjusted
         frames, evidence = _from_one_place(frames, evidence, places)
         solution = solve(evidence)
-        parallax = parallaxes(evidence, solution.adjustment.cameras, pairs_to_compare(evidence), executor)
-    mosaic = mosaic_of(frames, rig, evidence, solution, parallax, places, options.levelling, executor)
-    return dataclasses.replace(mosaic, self_calibrated=given is None)
+        parallax = _parallax(evidence, solution, executor)
+    mosaic = mosaic_of(frames, rig, evidence, solution, parallax, given is None, options.levelling, executor)
+    wrong = None if given is None or options.refine else wrong_lens(evidence, given, rig, executor, solution)
+    sentences = diagnose(mosaic, evidence, parallax, wrong, places, executor)
+    return dataclasses.replace(mosaic, diagnosis=sentences)
 
 
 def _demand_two(frames: Sequence[Frame]) -> list[int]:
@@ -123,7 +130,7 @@ def _observed(
     progress: Progress,
 ) -> tuple[list[Frame], Evidence]:
     """What the frames have in common; those whose files cannot be read any more are left out."""
-    most = _MOST_OF_FEW if len(usable) <= _FEW else _MOST_OF_MANY
+    most = min(_MOST, max(_LEAST, _KEYPOINTS // len(usable)))
 
     def features_of(k: int) -> Features | str:
         frame = frames[k]
@@ -149,6 +156,21 @@ def _without_copies(frames: Sequence[Frame], evidence: Evidence) -> tuple[list[F
         left[k] = frames[k].left_out(f"is a copy of {frames[first].id}, saved anew")
     _demand_two(left)
     return left, evidence.among([k for k in evidence.features if not left[k].reason])
+
+
+def _because_of_the_lens(
+    error: GeometryError, evidence: Evidence, given: Sequence[Camera] | None, rig: Rig, executor: Executor | None
+) -> GeometryError:
+    """The error itself, or one that says that the given cameras are the reason where they are."""
+    wrong = None if given is None else wrong_lens(evidence, given, rig, executor)
+    sentences = of_wrong_lens(wrong)
+    return GeometryError(sentences[0]) if sentences else error
+
+
+def _parallax(evidence: Evidence, solution: Solution, executor: Executor | None) -> Mapping[Pair, Parallax]:
+    adjusted = solution.adjustment
+    rotations = {int(k): adjusted.rotations[k] for k in solution.group}
+    return parallaxes(evidence, adjusted.cameras, pairs_to_compare(evidence), executor, rotations)
 
 
 def _from_one_place(frames: Sequence[Frame], evidence: Evidence, places: Viewpoints) -> tuple[list[Frame], Evidence]:

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import GeometryError
-from fullsphere.mosaic.adjust import Adjustment, Known, adjust
+from fullsphere.mosaic.adjust import Adjustment, Known, adjust, spread_px
 from fullsphere.mosaic.matching import MIN_INLIERS
 from fullsphere.mosaic.orientation import connected_groups, disagreement_deg, first_orientations
 from fullsphere.mosaic.project import Link
 from fullsphere.mosaic.rig import Rig
 
 _AGREEMENT_DEG = 6.0  # a link further from the averaged orientations is of another thing that looks the same
+_SHARP, _LEAST_SCALE_PX = 1.5, 0.05  # times the spread: near and moving things weigh little, good matches nearly all
 _MOST_MATCHES = 100_000  # adjusted at once: more do not make the orientations better, only slower
 
 
@@ -34,7 +35,7 @@ def solve_links(
     rig: Rig,
     cameras: Sequence[Camera],
     free: Sequence[str] = (),
-    robust_scales_px: Sequence[float] = (16.0, 4.0, 1.0),
+    robust_scales_px: Sequence[float | None] = (16.0, 4.0, 1.0, None),
     tolerance: float = 1e-7,
     known: Sequence[Known | None] = (),
     tied: Sequence[str] = (),
@@ -51,7 +52,7 @@ def solve_links(
         As for `adjust`.
     robust_scales_px
         One adjustment for each: with a scale that falls in steps a loop that does not close yet is pulled shut first,
-        and outliers are judged after.
+        and outliers are judged after.  None is one and a half times the spread that the one before left.
 
     Raises
     ------
@@ -73,10 +74,13 @@ def solve_links(
         agreeing = [link for link in agreeing if link.i in group]
     kept = agreeing or inner
     used = [thinned(link, max(MIN_INLIERS, _MOST_MATCHES // len(kept))) for link in kept]
-    for scale in robust_scales_px:
-        last = scale == robust_scales_px[-1]
-        adjustment = adjust(used, rotations, group, cameras, free, scale, tolerance if last else 1e-3, rig, known, tied)
+    spread = 1.0
+    for k, asked in enumerate(robust_scales_px):
+        scale = max(_SHARP * spread, _LEAST_SCALE_PX) if asked is None else asked
+        fall = tolerance if k == len(robust_scales_px) - 1 else 1e-3
+        adjustment = adjust(used, rotations, group, cameras, free, scale, fall, rig, known, tied)
         rotations, cameras = adjustment.rotations, adjustment.cameras
+        spread = spread_px(np.concatenate(adjustment.residuals_px))
     return Solution(kept, group, adjustment)
 
 
