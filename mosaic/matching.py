@@ -46,9 +46,9 @@ def match_features(a: Features, b: Features) -> Matches:
     count, other = len(a), len(b)
     best_of_row, rows = np.zeros(count, np.intp), np.full((count, 2), -2, np.float32)
     best_of_column, columns = np.zeros(other, np.intp), np.full((other, 2), -2, np.float32)
-    transposed = np.ascontiguousarray(b.descriptors.T)
+    words, transposed = a.descriptors.astype(np.float32), np.ascontiguousarray(b.descriptors.T, np.float32)
     for start in range(0, count, _BLOCK):
-        similarity = a.descriptors[start : start + _BLOCK] @ transposed
+        similarity = words[start : start + _BLOCK] @ transposed
         two_best(similarity, start, best_of_row, rows, best_of_column, columns)
     mutual = best_of_column[best_of_row] == np.arange(count)
     first = np.flatnonzero(mutual & _clear(rows) & _clear(columns)[best_of_row])
