@@ -33,6 +33,8 @@ _SHARPER = 1.5  # times the spread off the planes of a camera's step that a wron
 _RAYLEIGH = math.sqrt(2 * math.log(2))  # median length of a vector of two unit normals
 _SPREAD_PX = 1000.0  # wider than any residual: least squares
 _CLOSE_PX = 2.0
+_FAR_PX = 5.0  # residual that tells of a descent that went astray
+_SCALES = (1.0, 0.8, 1.25)  # of the lens, to begin with where it is far off
 _FREE = (*(p.key for p in KannalaBrandt.parameters), "centre_u_px", "centre_v_px")
 _BAND = math.radians(10)
 _IN_BAND = 20  # matches that make a band of angles count
@@ -86,7 +88,7 @@ def wrong_lens(
         except GeometryError:  # so far off that rays leave the lens, or too little to judge by
             continue
         if found is None or (compare is _whole and _is_parallax(evidence, cameras, found, executor, pairs)):
-            return None
+            return None  # there is nothing to blame on the lens
         return WrongLens(found.given_px, found.fitted_px, *_worst(found.links, found.given, rig))
     return None
 
@@ -125,13 +127,32 @@ def _whole(links: Sequence[Link], cameras: Sequence[Camera], rig: Rig) -> _Compa
 def _robustly(links: Sequence[Link], cameras: Sequence[Camera], rig: Rig) -> _Comparison | None:
     """Only links that agree with each other, where all of them together are beyond any lens."""
     given = solve_links(links, rig, cameras, (), (8.0, _CLOSE_PX), 1e-3)
-    fitted = solve_links(given.links, rig, _pliable(cameras), _FREE, (8.0, _CLOSE_PX), 1e-3)
-    return _compared(given.links, given.adjustment, fitted.adjustment)
+    fitted = [
+        _solved(links, rig, [dataclasses.replace(c, lens=c.lens.scaled(scale)) for c in _pliable(cameras)])
+        for scale in _SCALES
+    ]
+    best = min((one for one in fitted if one is not None), key=_median, default=None)
+    return None if best is None else _compared(given.links, given.adjustment, best)
+
+
+def _solved(links: Sequence[Link], rig: Rig, cameras: Sequence[Camera]) -> Adjustment | None:
+    try:
+        return solve_links(links, rig, cameras, _FREE, (32.0, 8.0, _CLOSE_PX), 1e-3).adjustment
+    except GeometryError:
+        return None
 
 
 def _compared(links: Sequence[Link], given: Adjustment, fitted: Adjustment) -> _Comparison | None:
-    """The comparison, or None where another lens is not much better."""
+    """The comparison, or None where another lens is not much better.
+
+    Raises
+    ------
+    GeometryError
+        If neither comes near.
+    """
     given_px, fitted_px = _median(given), _median(fitted)
+    if fitted_px > max(_FAR_PX, _FALL * given_px):
+        raise GeometryError("no lens was found near the one given that these frames agree with")
     if given_px < _GOOD_PX or fitted_px > _FALL * given_px or given_px - fitted_px < _LEAST_FALL_PX:
         return None
     return _Comparison(links, given, fitted, given_px, fitted_px)
