@@ -5,8 +5,8 @@
 A FOLDER holds frames.  Where a truth.json lies beside them the orientations found are compared with it, with the lens
 of a camera.json beside it (part `true`) and without (part `self`); other folders are photographs, judged by matches
 that no fit has seen (part `photographs`).  FOLDER[0:4] takes the first four files only, FOLDER=0.75 says what their
-median residual may be.  Without a folder the sets are rendered from a built-in room.  docs/registration.md says what
-is measured and how.
+median residual may be, FOLDER=4+4 that four were taken from one place and four from another.  Without a folder the sets
+are rendered from a built-in room.  docs/registration.md says what is measured and how.
 """
 
 import argparse

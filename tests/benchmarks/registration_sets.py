@@ -36,7 +36,8 @@ class Truth(NamedTuple):
 class FrameSet(NamedTuple):
     """Files that are registered together.
 
-    `truth` is None for photographs; `limit_px` is what the median residual of their matches may be.
+    `truth` is None for photographs; `limit_px` is what the median residual of their matches may be, `places` how many
+    were taken from each place, most first, where there are several.
     """
 
     name: str
@@ -44,13 +45,14 @@ class FrameSet(NamedTuple):
     files: tuple[Path, ...]
     truth: Truth | None = None
     limit_px: float | None = None
+    places: tuple[int, ...] = ()
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """FOLDER, FOLDER[FIRST:LAST] for some of its files (by name, as a slice), either with =LIMIT_PX behind it."""
-        parts = re.fullmatch(r"(.+?)(?:\[(\d+):(\d+)\])?(?:=([\d.]+))?", text)
+        """FOLDER, FOLDER[FIRST:LAST] for some of its files (by name, as a slice), either with =LIMIT_PX or =4+4 behind."""
+        parts = re.fullmatch(r"(.+?)(?:\[(\d+):(\d+)\])?(?:=(?:(\d+(?:\+\d+)+)|([\d.]+)))?", text)
         assert parts is not None
-        folder, first, last, limit = parts.groups()
+        folder, first, last, places, limit = parts.groups()
         files = pictures_of(Path(folder))
         if first is not None:
             files = files[int(first) : int(last)]
@@ -61,7 +63,8 @@ class FrameSet(NamedTuple):
         if found.exists():
             truth, scene = read_truth(found)
             return cls(name, scene, files, truth)
-        return cls(name, "photographs", files, None, float(limit) if limit else None)
+        from_places = tuple(map(int, places.split("+"))) if places else ()
+        return cls(name, "photographs", files, None, float(limit) if limit else None, from_places)
 
 
 def pictures_of(folder: Path) -> tuple[Path, ...]:

@@ -78,7 +78,11 @@ def photographs_row(files: FrameSet, lens: str, mosaic: Mosaic, seconds: float) 
     """By the matches that no fit has seen."""
     held = HeldOut.of(mosaic)
     missed = []
-    if len(mosaic.registered) < len(files.files):
+    if files.places:
+        elsewhere = sum("taken from another place" in frame.reason for frame in mosaic.frames)
+        if (len(mosaic.registered), elsewhere) != (files.places[0], sum(files.places[1:])):
+            missed.append(f"places {' + '.join(map(str, files.places))}")
+    elif len(mosaic.registered) < len(files.files):
         missed.append("frames")
     if files.limit_px is not None and not (held.median_px <= files.limit_px and held.inside >= 400):
         missed.append(f"held out, <= {files.limit_px:g} px over >= 400")
