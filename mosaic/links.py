@@ -14,16 +14,21 @@ from numpy.typing import NDArray
 from fullsphere.model.camera import Camera
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.workers import ordered_map
+from fullsphere.mosaic.candidates import FEW_FRAMES, Pair, candidate_pairs, first_look, missing_pairs
 from fullsphere.mosaic.features import Features
 from fullsphere.mosaic.matching import NO_MATCHES, Matches, RotationFit, fit_rotation, held_back, match_features
+from fullsphere.mosaic.options import Order
 from fullsphere.mosaic.project import Link
+
+__all__ = ["Evidence", "Pair", "Progress", "gather_evidence", "matched"]
 
 _BY_CHANCE, _SHARE_BY_CHANCE = 5.9, 0.22  # matches that chance makes agree: Brown & Lowe, ICCV 2003, section 3.2
 
-Pair = tuple[int, int]
-
 Progress = Callable[..., Iterable[Any]]
 """Wraps an iterable to show how far it is: progress(items, title=..., total=...)."""
+
+_STRONG = 60  # matches, right or wrong, by which two frames are taken to see the same thing
+_MORE_PARTNERS = (4, 12)  # tried in turn for each frame that is not yet joined to most others
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -122,14 +127,47 @@ def _shows(camera: Camera, rays: FloatArray) -> NDArray[np.bool_]:
     return inside
 
 
-def gather_evidence(features: Mapping[int, Features], executor: Executor | None, progress: Progress) -> Evidence:
-    """Match the keypoints of all pairs of frames; one match in five is held back."""
-    pairs = list(itertools.combinations(features, 2))
-    matched = ordered_map(executor, lambda pair: match_features(features[pair[0]], features[pair[1]]), pairs)
-    every = dict(zip(pairs, progress(matched, title="matching frames", total=len(pairs)), strict=True))
-    hold = {pair: held_back(features[pair[0]].pixels[found.first]) for pair, found in every.items()}
-    return Evidence(
-        features,
-        matches={pair: found.where(~hold[pair]) for pair, found in every.items()},
-        held={pair: found.where(hold[pair]) for pair, found in every.items()},
+def gather_evidence(
+    features: Mapping[int, Features],
+    executor: Executor | None,
+    progress: Progress,
+    order: Order = "any",
+    priors: Mapping[int, FloatArray] | None = None,
+) -> Evidence:
+    """Match the keypoints of frames that may see the same; one match in five is held back.
+
+    All pairs of few frames; of many `candidate_pairs`, and more for frames that these do not join to the others.
+    """
+    frames = sorted(features)
+    if len(frames) <= FEW_FRAMES:
+        return matched(Evidence(features, {}), list(itertools.combinations(frames, 2)), executor, progress)
+    shared = first_look(features, executor)
+    evidence = matched(Evidence(features, {}), candidate_pairs(frames, shared, order, priors), executor, progress)
+    for partners in _MORE_PARTNERS:
+        strong = [pair for pair, found in evidence.matches.items() if len(found.first) >= _STRONG]
+        missing = missing_pairs(frames, strong, evidence.matches.keys(), shared, partners)
+        evidence = matched(evidence, missing, executor, progress)
+    return evidence
+
+
+def matched(
+    evidence: Evidence,
+    pairs: Sequence[Pair],
+    executor: Executor | None = None,
+    progress: Progress = lambda items, **_: items,
+) -> Evidence:
+    """The evidence with the pairs i < j matched too; those that are already are not matched again."""
+    new = [pair for pair in pairs if pair not in evidence.matches]
+    if not new:
+        return evidence
+    features = evidence.features
+    found = ordered_map(executor, lambda pair: match_features(features[pair[0]], features[pair[1]]), new)
+    every = dict(zip(new, progress(found, title="matching frames", total=len(new)), strict=True))
+    hold = {pair: held_back(features[pair[0]].pixels[one.first]) for pair, one in every.items()}
+    used = {pair: one.where(~hold[pair]) for pair, one in every.items()}
+    held = {pair: one.where(hold[pair]) for pair, one in every.items()}
+    return dataclasses.replace(
+        evidence,
+        matches=dict(sorted({**evidence.matches, **used}.items())),
+        held=dict(sorted({**evidence.held, **held}.items())),
     )
