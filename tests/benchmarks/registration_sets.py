@@ -49,7 +49,7 @@ class FrameSet(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """FOLDER, FOLDER[FIRST:LAST] for some of its files (by name, as a slice), either with =LIMIT_PX or =4+4 behind."""
+        """FOLDER, FOLDER[FIRST:LAST] for some of its files (a slice, by name), either with =LIMIT_PX or =4+4 behind."""
         parts = re.fullmatch(r"(.+?)(?:\[(\d+):(\d+)\])?(?:=(?:(\d+(?:\+\d+)+)|([\d.]+)))?", text)
         assert parts is not None
         folder, first, last, places, limit = parts.groups()
