@@ -57,9 +57,10 @@ def diagnose(
     placed = {k for k, frame in enumerate(mosaic.frames) if frame.registered}
     parallax = {pair: one for pair, one in parallax.items() if placed.issuperset(pair)}
     here = viewpoints(parallax)
+    if wrong is not None:  # whatever else is seen under such a lens may be its doing
+        return (*of_wrong_lens(wrong), *_of_places(mosaic.frames, places))
     sentences = [
         *_of_places(mosaic.frames, places or here),
-        *of_wrong_lens(wrong),
         *(weak_lens := _of_weak_lens(mosaic)),
         *_of_weak_frames(mosaic, lens_known=not weak_lens),
         *_of_moving_things(mosaic, evidence, parallax),

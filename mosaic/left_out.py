@@ -66,10 +66,7 @@ def why_left_out(
         return f"shows too little texture: {len(features)} features found"
     mirrored = _if_mirrored(k, frames[k].size[0], evidence, cameras, placed)
     if mirrored is not None:
-        name = frames[mirrored.frame].id
-        return (
-            f"is mirrored: {mirrored.agreeing} of its matches agree with {name} once it is flipped from left to right"
-        )
+        return _mirrored(mirrored, frames)
     companions = _companions(k, links, set(placed))
     if companions:
         names = _listed([frames[c].id for c in companions])
@@ -77,9 +74,7 @@ def why_left_out(
     moved = _if_moved(k, evidence, cameras, placed)
     if moved is not None:
         name = frames[moved.frame].id
-        return (
-            f"was taken from another place: {moved.agreeing} matches with {name} show parallax, and no rotation holds"
-        )
+        return f"was taken from another place: {moved.agreeing} matches with {name} show parallax, no rotation holds"
     best = _most_matches(k, evidence, placed)
     most = f" (the most, {best.agreeing}, with {frames[best.frame].id})" if best is not None else ""
     return f"does not overlap the other frames, or shows another place: no rotation agrees with its matches{most}"

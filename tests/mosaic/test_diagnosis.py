@@ -127,9 +127,9 @@ def test_a_wrong_lens_is_noticed(camera: Camera) -> None:
     found = wrong_lens(evidence, [camera], Rig.of_one_camera(5))
     assert found is not None
     assert found.fitted_px < 0.5 < found.given_px <= found.worst_px
-    (first, *_) = diagnose(solved(evidence), evidence, wrong=found)
-    assert "does not fit these frames" in first
-    assert "without --camera" in first
+    (sentence,) = diagnose(solved(evidence, camera), evidence, wrong=found)
+    assert "does not fit these frames" in sentence
+    assert "without --camera" in sentence
 
 
 @pytest.mark.parametrize("metres", [0.0, 0.04])
