@@ -35,14 +35,22 @@ class Viewpoints(NamedTuple):
 
 
 def pairs_to_compare(evidence: Evidence, most: int = MOST_PAIRS) -> list[Pair]:
-    """The pairs of frames to look for parallax in: all of a small set, the strongest of a large one, in order."""
-    good = [pair for pair, matches in evidence.matches.items() if len(matches.first) >= _MATCHES]
+    """The pairs of frames to look for parallax in: all of a small set, the strongest of a large one, in order.
+
+    Both frames are of one camera: the two of a rig stand beside each other, wherever the rig is.
+    """
+    good = [
+        (i, j)
+        for (i, j), matches in evidence.matches.items()
+        if len(matches.first) >= _MATCHES and evidence.camera_of.get(i, 0) == evidence.camera_of.get(j, 0)
+    ]
     if len(good) <= most:
         return good
     partners = max(1, most // max(1, len(evidence.features)))
     strongest = evidence.strongest_pairs(partners)
     step = -(-len(strongest) // most)
-    return [pair for pair in strongest[::step] if len(evidence.matches[pair].first) >= _MATCHES]
+    chosen = set(strongest[::step])
+    return [pair for pair in good if pair in chosen]
 
 
 def viewpoints(parallax: Mapping[Pair, Parallax]) -> Viewpoints | None:

@@ -1,5 +1,6 @@
 """Frames taken from several places fall into groups; those of one tripod do not, however badly it was set up."""
 
+import dataclasses
 import math
 import os
 from pathlib import Path
@@ -103,6 +104,16 @@ def test_a_large_set_is_compared_in_part() -> None:
     pairs = pairs_to_compare(evidence, most=40)
     assert 15 <= len(pairs) <= 40
     assert {frame for pair in pairs for frame in pair} == set(range(20))
+
+
+def test_the_two_cameras_of_a_rig_are_not_two_viewpoints() -> None:
+    positions = np.repeat([[0, 0, 0], [0.2, 0, 0.05]], 4, axis=0)
+    evidence = evidence_of(CAMERA, np.array(TURN + TURN), positions, POINTS)
+    assert found_in(evidence) is not None
+    on_rig = dataclasses.replace(evidence, camera_of={k: k // 4 for k in range(8)})
+    pairs = pairs_to_compare(on_rig)
+    assert pairs
+    assert viewpoints(parallaxes(on_rig, [CAMERA, CAMERA], pairs)) is None
 
 
 def test_a_room_photographed_from_two_places() -> None:
