@@ -29,8 +29,8 @@ from fullsphere.mosaic.solution import Solution, refined, solve_links
 from fullsphere.mosaic.viewpoints import Viewpoints, pairs_to_compare, viewpoints
 from fullsphere.mosaic.wrong_lens import wrong_lens
 
-_KEYPOINTS = 40_000  # of all frames together: few frames may have their fill of them
-_MOST, _LEAST = 10_000, 2500  # of one frame
+_KEYPOINTS = 24_000  # of all frames together: few frames may have their fill of them
+_MOST, _LEAST = 6000, 2500  # of one frame
 
 
 def no_progress(items: Iterable[Any], title: str = "", total: int | None = None) -> Iterable[Any]:

@@ -18,7 +18,7 @@ from fullsphere.mosaic.project import Link
 from fullsphere.mosaic.rig import Rig
 
 _AGREEMENT_DEG = 6.0  # a link further from the averaged orientations is of another thing that looks the same
-_SHARP, _LEAST_SCALE_PX = 1.5, 0.05  # times the spread: near and moving things weigh little, good matches nearly all
+_SHARP, _LEAST_SCALE_PX = 1.0, 0.05  # times the spread: near and moving things weigh little, good matches nearly all
 _MOST_MATCHES = 100_000  # adjusted at once: more do not make the orientations better, only slower
 
 
@@ -52,7 +52,7 @@ def solve_links(
         As for `adjust`.
     robust_scales_px
         One adjustment for each: with a scale that falls in steps a loop that does not close yet is pulled shut first,
-        and outliers are judged after.  None is one and a half times the spread that the one before left.
+        and outliers are judged after.  None is the spread that the one before left.
 
     Raises
     ------
