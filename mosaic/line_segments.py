@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -27,6 +28,7 @@ _SEEN_ENOUGH = 0.9  # of a view: no further frame is looked at for the rest
 _FRAMES_A_VIEW = 3
 _NEW_ENOUGH = 0.15  # of a view, that a further frame has to add
 _LEAST_LENGTH = math.radians(2.5)
+_INNER = 0.98  # of the field of view: the rim of the image circle is an edge too
 _RIM_PX = 6  # segments as near to where a view ends are its border's
 
 
@@ -74,7 +76,8 @@ def find_segments(
     executor
         Where views are worked on side by side.
     """
-    tables = [tabulate(camera) for camera in cameras]
+    inner = [dataclasses.replace(camera, half_fov=_INNER * camera.half_fov) for camera in cameras]
+    tables = [tabulate(camera) for camera in inner]
     view = _view(cameras)
     tasks = _tasks(frames, tables, view, up)
 
@@ -141,13 +144,17 @@ def _segments(task: _Task, table: RayTable, view: Camera) -> list[Segments]:
     frame = task.frame
     assert frame.camera_from_world is not None
     picture = frame.load()
-    both = np.stack([_grey(eight_bit(picture)), allowed_pixels(frame, picture, table.camera)], -1)
+    grey = _grey(eight_bit(picture))
+    if frame.mask is not None or picture.shape[2] == 4:
+        grey = np.stack([grey, allowed_pixels(frame, picture)], -1)
     found = []
     for view_from_world in task.views:
-        flat, weight = remap(both, table, view, view_from_world @ frame.camera_from_world.T)
-        whole = (weight > 0.99) & (flat[..., 1] > 250)
+        flat, weight = remap(grey, table, view, view_from_world @ frame.camera_from_world.T)
+        whole = weight > 0.99
+        if flat.ndim == 3:
+            flat, whole = flat[..., 0], whole & (flat[..., 1] > 250)
         away = cv2.erode(whole.astype(np.uint8), np.ones((2 * _RIM_PX + 1, 2 * _RIM_PX + 1), np.uint8)) > 0
-        found.append(_on_sphere(_detected(np.ascontiguousarray(flat[..., 0]), away), view, view_from_world))
+        found.append(_on_sphere(_detected(np.ascontiguousarray(flat), away), view, view_from_world))
     return found
 
 

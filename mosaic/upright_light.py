@@ -33,7 +33,7 @@ def _difference(frame: Frame, camera: Camera, up: FloatArray) -> float:
     """How much lighter a frame is above the horizon than below it, 8-bit codes; 0 if it does not show both."""
     assert frame.camera_from_world is not None
     picture = frame.load()
-    allowed = allowed_pixels(frame, picture, camera)
+    allowed = allowed_pixels(frame, picture)  # beyond the field of view no ray has a height
     factor = min(1.0, _SIDE_PX / max(camera.size))
     small = camera.scaled(factor)
     code = cv2.resize(eight_bit(picture), small.size, interpolation=cv2.INTER_AREA).reshape(*small.size[::-1], -1)
