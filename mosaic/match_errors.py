@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fullsphere.model.camera import Camera
 from fullsphere.model.lens import FloatArray
+from fullsphere.mosaic.match_kernels import turned, whiten
 from fullsphere.mosaic.project import Link
 from fullsphere.mosaic.rig import Rig
 
@@ -109,42 +110,33 @@ def opened_camera(camera: Camera) -> Camera:
 
 
 def _errors(matches: MatchArrays, rotations: FloatArray, camera_i: Camera, camera_j: Camera) -> MatchErrors:
+    turn_of, firsts = _runs(matches.i, matches.j)
+    turns = rotations[matches.j[firsts]] @ np.swapaxes(rotations[matches.i[firsts]], -1, -2)
     ray_i = camera_i.unproject(matches.pixels_i)
     at_i = camera_i.project_with_jacobians(ray_i)
-    turn = rotations[matches.j] @ np.swapaxes(rotations[matches.i], -1, -2)
-    ray_j = (turn @ ray_i[..., None])[..., 0]
+    ray_j = np.empty_like(ray_i)
+    turned(ray_i, turns, turn_of, ray_j)
     at_j = camera_j.project_with_jacobians(ray_j)
-    # The ray of a fixed pixel: J is blind along the ray, so its pseudo-inverse moves the ray on the sphere only.
-    ji = at_i.d_pixel_d_ray
-    ji_transposed = np.swapaxes(ji, 1, 2)
-    through = at_j.d_pixel_d_ray @ turn
-    carried = through @ ji_transposed @ _inverse(ji @ ji_transposed)  # A = d u_j / d u_i
-    whiten = _inverse_root(np.eye(2) + carried @ np.swapaxes(carried, 1, 2))
-    return MatchErrors(
-        (whiten @ (at_j.pixels - matches.pixels_j)[..., None])[..., 0],
-        whiten @ through @ _cross_matrix(ray_i),
-        -whiten @ at_j.d_pixel_d_ray @ _cross_matrix(ray_j),
-        -whiten @ carried @ at_i.d_pixel_d_parameter,
-        whiten @ at_j.d_pixel_d_parameter,
+    count = len(ray_i)
+    values = (len(camera_i.values), len(camera_j.values))
+    errors = MatchErrors(*(np.empty((count, 2, *last)) for last in ((), (3,), (3,), values[:1], values[1:])))
+    whiten(
+        ray_i,
+        ray_j,
+        at_i.d_pixel_d_ray,
+        at_j.d_pixel_d_ray,
+        turns,
+        turn_of,
+        at_j.pixels - matches.pixels_j,
+        at_i.d_pixel_d_parameter,
+        at_j.d_pixel_d_parameter,
+        *errors,
     )
+    return errors
 
 
-def _inverse(m: FloatArray) -> FloatArray:
-    """Inverses of 2 x 2 matrices (n, 2, 2)."""
-    a, b, c, d = m[:, 0, 0], m[:, 0, 1], m[:, 1, 0], m[:, 1, 1]
-    return np.stack([d, -b, -c, a], -1).reshape(-1, 2, 2) / (a * d - b * c)[:, None, None]
-
-
-def _inverse_root(m: FloatArray) -> FloatArray:
-    """Lower triangular W (n, 2, 2) with W m W^T = I of positive m (n, 2, 2): the inverse Cholesky factor."""
-    first = np.sqrt(m[:, 0, 0])
-    mixed = m[:, 1, 0] / first
-    second = np.sqrt(m[:, 1, 1] - mixed**2)
-    return np.stack([1 / first, np.zeros_like(first), -mixed / (first * second), 1 / second], -1).reshape(-1, 2, 2)
-
-
-def _cross_matrix(v: FloatArray) -> FloatArray:
-    """[v]x (m, 3, 3) of vectors (m, 3)."""
-    zero = np.zeros(len(v))
-    x, y, z = v.T
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(-1, 3, 3)
+def _runs(i: NDArray[np.intp], j: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """For each of pairs (m,) that come in runs the number of its run, and where each run begins."""
+    begins = np.ones(len(i), bool)
+    begins[1:] = (np.diff(i) != 0) | (np.diff(j) != 0)
+    return np.cumsum(begins) - 1, np.flatnonzero(begins)

@@ -67,6 +67,27 @@ def test_derivatives_are_those_of_the_residuals(rig: Rig) -> None:
         assert not errors.by_camera_j[..., len(OTHER.values) :].any()
 
 
+def test_the_kernel_is_its_slow_twin() -> None:
+    """Whitening and derivatives with matrices as the equations say it."""
+    link = link_of_two_cameras(40)
+    link = dataclasses.replace(link, pixels_j=link.pixels_j + np.random.default_rng(3).normal(size=link.pixels_j.shape))
+    found = match_errors(MatchArrays.of([link]), TRUTH, (FISHEYE, OTHER), TWO)
+    turn = TRUTH[2] @ TRUTH[1].T
+    for m, (pixel_i, pixel_j) in enumerate(zip(link.pixels_i, link.pixels_j, strict=True)):
+        ray_i = FISHEYE.unproject(pixel_i)
+        ray_j = turn @ ray_i
+        at_i, at_j = FISHEYE.project_with_jacobians(ray_i), OTHER.project_with_jacobians(ray_j)
+        carried = at_j.d_pixel_d_ray @ turn @ np.linalg.pinv(at_i.d_pixel_d_ray)
+        whiten = np.linalg.inv(np.linalg.cholesky(np.eye(2) + carried @ carried.T))
+        cross_i, cross_j = (np.cross(np.eye(3), ray) for ray in (ray_i, ray_j))
+        values = len(OTHER.values)
+        np.testing.assert_allclose(found.residual[m], whiten @ (at_j.pixels - pixel_j), atol=1e-9)
+        np.testing.assert_allclose(found.by_i[m], whiten @ at_j.d_pixel_d_ray @ turn @ cross_i, rtol=1e-9, atol=1e-7)
+        np.testing.assert_allclose(found.by_j[m], -whiten @ at_j.d_pixel_d_ray @ cross_j, rtol=1e-9, atol=1e-7)
+        np.testing.assert_allclose(found.by_camera_i[m], -whiten @ carried @ at_i.d_pixel_d_parameter, atol=1e-6)
+        np.testing.assert_allclose(found.by_camera_j[m, :, :values], whiten @ at_j.d_pixel_d_parameter, atol=1e-6)
+
+
 def test_whitened_residuals_have_the_covariance_of_a_keypoint() -> None:
     """Half of the noise lies in frame i and is carried over by the projection: unit covariance all the same."""
     residuals = []
