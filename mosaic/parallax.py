@@ -125,9 +125,9 @@ def pair_parallax(
     -------
     The comparison, or None where too few matches agree with any motion.
     """
-    count = len(rays_a)
-    evenly = np.linspace(0, count - 1, min(count, _MOST)).round().astype(np.intp)
-    rays = _Rays(rays_a, rays_b, pixel_a, pixel_b).chosen(evenly)
+    single = _single(rays_a, rays_b)
+    evenly = np.linspace(0, len(single) - 1, min(len(single), _MOST)).round().astype(np.intp)
+    rays = _Rays(rays_a, rays_b, pixel_a, pixel_b).chosen(single[evenly])
     pixel = np.hypot(rays.pixel_a, rays.pixel_b)
     if rotation is not None:
         apart_px = _apart(rays, rotation) / pixel
@@ -208,6 +208,14 @@ def parallaxes(
 
     found = ordered_map(executor, compare, list(pairs))
     return {pair: one for pair, one in zip(pairs, found, strict=True) if one is not None}
+
+
+def _single(a: FloatArray, b: FloatArray) -> NDArray[np.intp]:
+    """Indices of matches that share no ray with an earlier one: a place with two orientations is two keypoints."""
+    kept = np.arange(len(a))
+    for rays in (a, b):
+        kept = np.sort(kept[np.unique(rays[kept], axis=0, return_index=True)[1]])
+    return kept
 
 
 def _none(rays: _Rays, rotation: FloatArray) -> Parallax:

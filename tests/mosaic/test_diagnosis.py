@@ -26,7 +26,7 @@ from fullsphere.mosaic.wrong_lens import wrong_lens
 from laws import fisheye
 
 CAMERA = fisheye(900)
-POINTS = room_points(1200)
+POINTS = room_points(900)
 TURN = np.array([orientation(yaw, pitch) for yaw, pitch in ((0, 4), (75, -6), (140, 5), (215, -3), (288, 6))])
 STILL = np.zeros((5, 3))
 

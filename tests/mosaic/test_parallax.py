@@ -57,6 +57,19 @@ def test_a_centimetre_is_noticed_but_no_other_viewpoint() -> None:
     assert found.verdict == "rotation"
 
 
+def test_keypoints_in_one_place_do_no_harm() -> None:
+    rng = np.random.default_rng(0)
+    a = rng.normal(size=(120, 3))
+    a /= np.linalg.norm(a, axis=1, keepdims=True)
+    b = a @ TURNS[1].T
+    b[60:] = b[:60]  # every place twice, the second time wrongly matched
+    pixel = np.full(120, 3e-3)
+    found = pair_parallax(a, b, pixel, pixel, 40.0)
+    assert found is not None
+    assert found.verdict == "rotation"
+    assert turn_between(found.rotation, TURNS[1]) < 1e-3
+
+
 def test_few_matches_tell_nothing() -> None:
     rng = np.random.default_rng(0)
     a = rng.normal(size=(15, 3))
