@@ -9,7 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fullsphere.model.camera import Camera
 from fullsphere.model.lens import FloatArray
+from fullsphere.mosaic.conformal import conformal_view, is_wide
 from fullsphere.mosaic.project import Picture
 
 _AREA_PER_KEYPOINT_PX = 400  # a larger picture is reduced: more of it gives more keypoints than are kept
@@ -61,11 +63,10 @@ class Features:
         return Features(self.pixels[chosen], self.descriptors[chosen], **known)
 
 
-def find_features(picture: Picture, allowed: NDArray[np.uint8] | None, most: int) -> Features:
+def find_features(
+    picture: Picture, allowed: NDArray[np.uint8] | None, most: int, camera: Camera | None = None
+) -> Features:
     """SIFT keypoints (Lowe 2004) with RootSIFT descriptors (Arandjelovic & Zisserman 2012).
-
-    They are looked for in the picture as it is, a fisheye's too: up to its rim it is nearly conformal, and what is
-    turned within it stays alike.
 
     Parameters
     ----------
@@ -75,46 +76,69 @@ def find_features(picture: Picture, allowed: NDArray[np.uint8] | None, most: int
         Mask (h, w): keypoints only where it is not zero; None for everywhere.
     most
         Keep about this many: the strongest of each cell of a grid.  The picture is reduced to what gives so many.
+    camera
+        That took the frame, or a guess: wide pictures are looked at in a conformal view.  None to look at the picture
+        as it is.
     """
     none = Features(np.empty((0, 2)), np.empty((0, 128), np.float16))
-    window = _window(allowed, picture.shape[:2])
-    if window is None:
-        return none
-    part, inside = picture[window], None if allowed is None else allowed[window]
-    light = _light(part)
-    area = light.size if inside is None else cv2.countNonZero(inside)
-    factor = min(1.0, (min(_AREA_PER_KEYPOINT_PX * most, _MAX_AREA_PX) / area) ** 0.5)
-    if factor < 1:
-        size = tuple(max(1, round(side * factor)) for side in light.shape[::-1])
-        light = cv2.resize(light, size, interpolation=cv2.INTER_AREA)  # given a factor it steps by that, past the rim
-        if inside is not None:
-            inside = cv2.resize(inside, size, interpolation=cv2.INTER_NEAREST)
-    grey = _toned(light, inside, picture.dtype)
+    most_px = min(_AREA_PER_KEYPOINT_PX * most, _MAX_AREA_PX)
+    light = _light(picture)
+    if camera is not None and is_wide(camera):
+        view = conformal_view(light, allowed, camera, most_px)
+        found = None if view is None else _detected(view.light, view.inside, picture.dtype, most, conformal=True)
+        if view is None or found is None:
+            return none
+        pixels, scale = view.in_frame(found.pixels)
+    else:
+        window = _window(allowed, light.shape)
+        if window is None:
+            return none
+        light = light[window]
+        reduced, inside = _reduced(light, None if allowed is None else allowed[window], most_px)
+        found = _detected(reduced, inside, picture.dtype, most, conformal=False)
+        if found is None:
+            return none
+        both = np.array(light.shape[::-1]) / reduced.shape[::-1]
+        pixels = (found.pixels + 0.5) * both - 0.5 + [window[1].start, window[0].start]
+        scale = np.full(len(found), both.mean())
+    return _spread(dataclasses.replace(found, pixels=pixels, sigma_px=found.sigma_px * scale), picture.shape, most)
+
+
+def _reduced(
+    light: NDArray[np.float32], inside: NDArray[np.uint8] | None, most_px: float
+) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
+    """Both so much smaller that no more than about `most_px` of them are allowed."""
+    factor = (most_px / (light.size if inside is None else cv2.countNonZero(inside))) ** 0.5
+    if factor >= 1:
+        return light, inside
+    size = max(1, round(light.shape[1] * factor)), max(1, round(light.shape[0] * factor))
+    # Given a factor instead of a size OpenCV steps by it, and the last pixels are not those of the picture's end.
+    light = np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA), np.float32)
+    return light, None if inside is None else cv2.resize(inside, size, interpolation=cv2.INTER_NEAREST)
+
+
+def _detected(
+    light: NDArray[np.float32], inside: NDArray[np.uint8] | None, dtype: np.dtype[Any], most: int, conformal: bool
+) -> Features | None:
+    """Keypoints of a picture in its own pixels; None if it has none."""
     # Without precise upscaling every keypoint is a quarter of a pixel off, thirty times the rotation error.
     sift = cv2.SIFT_create(nfeatures=4 * most, contrastThreshold=_WEAK_CONTRAST, enable_precise_upscale=True)
-    keypoints, descriptors = sift.detectAndCompute(grey, inside)
+    keypoints, descriptors = sift.detectAndCompute(_toned(light, inside, dtype), inside)
     if not keypoints:
-        return none
+        return None
     at = np.array([k.pt for k in keypoints], float)
     size, response = np.array([[k.size, k.response] for k in keypoints]).T
-    chosen = _spread(at, response, max(grey.shape) / _CELLS, most)
-    root = np.sqrt(descriptors[chosen] / np.maximum(descriptors[chosen].sum(1, keepdims=True), 1e-12))
-    scale = np.array([grey.shape[1] / part.shape[1], grey.shape[0] / part.shape[0]])
-    corner = [window[1].start, window[0].start]
-    return Features(
-        (at[chosen] + 0.5) / scale - 0.5 + corner,
-        root.astype(np.float16),
-        localisation_px(size[chosen]) / scale.mean(),
-        response[chosen],
-    )
+    root = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-12))
+    return Features(at, root.astype(np.float16), localisation_px(size, conformal), response)
 
 
-def localisation_px(size_px: FloatArray) -> FloatArray:
+def localisation_px(size_px: FloatArray, conformal: bool) -> FloatArray:
     """Standard deviation of a SIFT keypoint's coordinates, from its size (as OpenCV tells it) in the same pixels.
 
-    As measured on rendered frames of known turns; it grows with the size of what is found.
+    As measured on rendered frames of known turns.  It grows with the size of what is found, and twice as fast in wide
+    pictures as they are, because large things change their shape most.
     """
-    return np.hypot(0.06, 0.03 * size_px)
+    return np.hypot(0.06, (0.014 if conformal else 0.03) * size_px)
 
 
 def _window(allowed: NDArray[np.uint8] | None, shape: tuple[int, ...]) -> tuple[slice, slice] | None:
@@ -157,16 +181,18 @@ def _toned(light: NDArray[np.float32], inside: NDArray[np.uint8] | None, dtype: 
     return grey
 
 
-def _spread(at: FloatArray, response: FloatArray, cell: float, most: int) -> NDArray[np.intp]:
-    """Indices of about `most` keypoints: round after round, the next strongest of every cell.
+def _spread(features: Features, shape: tuple[int, ...], most: int) -> Features:
+    """About `most` of the keypoints: round after round, the next strongest of every cell of the frame (h, w, ...).
 
-    Weak ones come last, but for the first of a cell.
+    Weak ones come last, but for the first of a cell.  Those whose place in the frame is not known are left out.
     """
-    key = (at // cell).astype(np.int64)
+    features = features.where(np.isfinite(features.pixels[:, 0]))
+    at, response = features.pixels, features.response
+    key = (at // (max(shape[:2]) / _CELLS)).astype(np.int64)
     label = key[:, 1] * 100_000 + key[:, 0]
     order = np.lexsort((at[:, 1], at[:, 0], -response, label))
     start = np.concatenate([[0], np.flatnonzero(np.diff(label[order])) + 1])
     rank = np.arange(len(order)) - np.repeat(start, np.diff(np.append(start, len(order))))
     late = (response[order] < _CONTRAST / _LAYERS) & (rank >= _WEAK_OF_CELL)
     by_rank = order[np.lexsort((-response[order], rank, late))]
-    return np.sort(by_rank[:most])
+    return features.where(np.sort(by_rank[:most]))

@@ -131,7 +131,10 @@ def test_localisation_error_is_as_said(light: NDArray[np.float32]) -> None:
     for some in (small, large):
         ratio = np.median(np.linalg.norm(off[some], axis=1) / sigma[some]) / 1.177
         assert 0.2 < ratio < 2  # noise of other pictures differs, its order of magnitude does not
-    assert localisation_px(np.array([20.0])) > 5 * localisation_px(np.array([2.0]))
+    size = np.array([2.0, 20.0])
+    for conformal in (False, True):
+        assert np.diff(localisation_px(size, conformal)) > 0
+    assert np.all(localisation_px(size, True) < localisation_px(size, False))
 
 
 def test_chosen_features_keep_what_is_known(light: NDArray[np.float32]) -> None:
