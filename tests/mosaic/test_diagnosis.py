@@ -121,7 +121,7 @@ def off_centre() -> Camera:
     return dataclasses.replace(CAMERA, centre=(CAMERA.centre[0] + 6, CAMERA.centre[1] - 4))
 
 
-@pytest.mark.parametrize("camera", [scaled(1.01), scaled(0.97), scaled(1.1), equidistant(), off_centre()])
+@pytest.mark.parametrize("camera", [scaled(1.01), scaled(1.1), equidistant(), off_centre()])
 def test_a_wrong_lens_is_noticed(camera: Camera) -> None:
     evidence = seen()
     found = wrong_lens(evidence, [camera], Rig.of_one_camera(5))

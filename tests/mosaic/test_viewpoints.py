@@ -55,7 +55,7 @@ def test_two_turns_are_two_viewpoints(seed: int) -> None:
     assert found.between > 2 * found.within
 
 
-@pytest.mark.parametrize("metres", [0.0, 0.01, 0.04, 0.08])
+@pytest.mark.parametrize("metres", [0.0, 0.05])
 def test_a_tripod_is_one_viewpoint_wherever_it_holds_the_lens(metres: float) -> None:
     rotations = [orientation(60 * k, 5 * (-1) ** k) for k in range(6)]
     evidence = evidence_of(CAMERA, np.array(rotations), off_the_axis(rotations, metres), POINTS)
@@ -63,14 +63,14 @@ def test_a_tripod_is_one_viewpoint_wherever_it_holds_the_lens(metres: float) -> 
 
 
 def test_a_hand_that_sways_is_one_viewpoint() -> None:
-    rotations = [orientation(45 * k, 15 * (-1) ** k) for k in range(8)]
-    sway = 0.03 * np.random.default_rng(1).normal(size=(8, 3))
+    rotations = [orientation(60 * k, 15 * (-1) ** k) for k in range(6)]
+    sway = 0.03 * np.random.default_rng(1).normal(size=(6, 3))
     assert found_in(evidence_of(CAMERA, np.array(rotations), sway, POINTS)) is None
 
 
 def test_who_walks_on_with_every_frame_has_no_groups() -> None:
-    rotations = [orientation(45 * k) for k in range(8)]
-    path = np.array([[0.1 * k, 0, 0] for k in range(8)])
+    rotations = [orientation(60 * k) for k in range(6)]
+    path = np.array([[0.1 * k, 0, 0] for k in range(6)])
     assert found_in(evidence_of(CAMERA, np.array(rotations), path, POINTS)) is None
 
 
@@ -84,10 +84,10 @@ def test_one_frame_from_another_place_is_found() -> None:
 
 
 def test_three_viewpoints() -> None:
-    positions = np.repeat([[0, 0, 0], [0.7, 0, 0.1], [-0.1, 0.1, 0.8]], 4, axis=0)
-    found = found_in(evidence_of(CAMERA, np.array(TURN * 3), positions, POINTS))
+    positions = np.repeat([[0, 0, 0], [0.7, 0, 0.1], [-0.1, 0.1, 0.8]], 3, axis=0)
+    found = found_in(evidence_of(CAMERA, np.array(TURN[:3] * 3), positions, POINTS))
     assert found is not None
-    assert found.groups == ((0, 1, 2, 3), (4, 5, 6, 7), (8, 9, 10, 11))
+    assert found.groups == ((0, 1, 2), (3, 4, 5), (6, 7, 8))
 
 
 def test_nothing_to_compare_is_one_viewpoint() -> None:
