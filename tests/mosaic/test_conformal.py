@@ -30,13 +30,13 @@ def world() -> NDArray[np.uint8]:
     for cells in (16, 48, 130, 300, 512):
         small = rng.random((cells, 2 * cells, 3), np.float32)
         total += cv2.resize(small, (2048, 1024), interpolation=cv2.INTER_CUBIC) / cells**0.4
-    return np.round(255 * (total - total.min()) / (total.max() - total.min())).astype(np.uint8)
+    picture: NDArray[np.uint8] = np.round(255 * (total - total.min()) / np.ptp(total)).astype(np.uint8)
+    return picture
 
 
 def taken(world: NDArray[np.uint8], camera: Camera, yaw_deg: float) -> NDArray[np.uint8]:
     turn = Rotation.from_rotvec([0, math.radians(yaw_deg), 0]).as_matrix()
-    picture: NDArray[np.uint8]
-    picture, _ = remap(world, Equirectangular((2048, 1024)), camera, turn)
+    picture: NDArray[np.uint8] = remap(world, Equirectangular((2048, 1024)), camera, turn)[0]
     return picture
 
 
