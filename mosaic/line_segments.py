@@ -27,6 +27,7 @@ _FOCAL_PX = 520.0  # of the finest views; coarser where the frames are
 _SEEN_ENOUGH = 0.9  # of a view: no further frame is looked at for the rest
 _FRAMES_A_VIEW = 3
 _NEW_ENOUGH = 0.15  # of a view, that a further frame has to add
+_NARROW, _NARROW_FRAMES, _NARROW_SIDE_PX = math.radians(48.0), 12, 1000  # half fields of view that no view needs
 _LEAST_LENGTH = math.radians(2.5)
 _INNER = 0.98  # of the field of view: the rim of the image circle is an edge too
 _RIM_PX = 6  # segments as near to where a view ends are its border's
@@ -50,11 +51,18 @@ class Segments(NamedTuple):
     lengths: FloatArray
 
 
+class _View(NamedTuple):
+    """A perspective lens and the rotation (3, 3) from the world."""
+
+    lens: Camera
+    view_from_world: FloatArray
+
+
 class _Task(NamedTuple):
-    """A frame, and the views (3, 3) from the world that it is looked at in."""
+    """A frame, and the views that it is looked at in."""
 
     frame: Frame
-    views: list[FloatArray]
+    views: list[_View]
 
 
 def find_segments(
@@ -63,7 +71,8 @@ def find_segments(
     """Straight edges in all directions round the horizon, with the line segment detector (von Gioi et al. 2010).
 
     It works in views through a perspective lens, in which straight lines are straight, each taken from the one to
-    three frames that show most of it: time depends on the views, not on how many frames there are.
+    three frames that show most of it: time depends on the views, not on how many frames there are.  Frames that are
+    narrower than such a view are looked at by themselves, some of them spread over the set.
 
     Parameters
     ----------
@@ -78,11 +87,11 @@ def find_segments(
     """
     inner = [dataclasses.replace(camera, half_fov=_INNER * camera.half_fov) for camera in cameras]
     tables = [tabulate(camera) for camera in inner]
-    view = _view(cameras)
-    tasks = _tasks(frames, tables, view, up)
+    narrow = max(camera.half_fov for camera in cameras) < _NARROW
+    tasks = _of_narrow(frames, cameras) if narrow else _tasks(frames, tables, _wide(cameras), up)
 
     def of_task(task: _Task) -> list[Segments]:
-        return _segments(task, tables[task.frame.camera], view)
+        return _segments(task, tables[task.frame.camera])
 
     found = [one for some in ordered_map(executor, of_task, tasks, ahead=2) for one in some]
     if not found:
@@ -90,13 +99,34 @@ def find_segments(
     return Segments(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-def _view(cameras: Sequence[Camera]) -> Camera:
-    """The lens of the views, as fine as the finest of the frames at their middle, up to a bound."""
-    axis = np.array([0.0, 0.0, 1.0])
-    focal = min(_FOCAL_PX, max(float(camera.pixels_per_radian(axis)) for camera in cameras))
-    width, height = (round(2 * focal * math.tan(math.radians(angle) / 2)) for angle in (_WIDTH, _HEIGHT))
+def _wide(cameras: Sequence[Camera]) -> Camera:
+    """The lens of views round the horizon, as fine as the finest of the frames at their middle, up to a bound."""
+    focal = min(_FOCAL_PX, max(_focal(camera) for camera in cameras))
+    return _flat(focal, *(2 * focal * math.tan(math.radians(angle) / 2) for angle in (_WIDTH, _HEIGHT)))
+
+
+def _of_narrow(frames: Sequence[Frame], cameras: Sequence[Camera]) -> list[_Task]:
+    """Some frames spread over the set, each seen as its own camera sees it, by a perspective lens."""
+    tasks = []
+    for frame in frames[:: -(-len(frames) // _NARROW_FRAMES)]:
+        assert frame.camera_from_world is not None
+        camera = cameras[frame.camera]
+        width, height = camera.size
+        factor = min(1.0, _NARROW_SIDE_PX / max(width, height))
+        lens = _flat(factor * _focal(camera), factor * width, factor * height)
+        tasks.append(_Task(frame, [_View(lens, frame.camera_from_world)]))
+    return tasks
+
+
+def _focal(camera: Camera) -> float:
+    return float(camera.pixels_per_radian(np.array([0.0, 0.0, 1.0])))
+
+
+def _flat(focal: float, width: float, height: float) -> Camera:
+    """A perspective lens without distortion, its axis in the middle."""
     corner = math.atan(math.hypot(width, height) / 2 / focal)
-    return Camera(Perspective(focal), (width, height), ((width - 1) / 2, (height - 1) / 2), half_fov=corner + 0.01)
+    size = (round(width), round(height))
+    return Camera(Perspective(focal), size, ((size[0] - 1) / 2, (size[1] - 1) / 2), half_fov=corner + 0.01)
 
 
 def _tasks(frames: Sequence[Frame], tables: Sequence[RayTable], view: Camera, up: FloatArray) -> list[_Task]:
@@ -106,14 +136,14 @@ def _tasks(frames: Sequence[Frame], tables: Sequence[RayTable], view: Camera, up
     rays = view.unproject(np.stack([u.ravel(), v.ravel()], -1))
     start = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
     start /= np.linalg.norm(start)
-    views: dict[int, list[FloatArray]] = {}
+    views: dict[int, list[_View]] = {}
     for k in range(_VIEWS):
         angle = 2 * math.pi * k / _VIEWS
         forward = math.cos(angle) * start + math.sin(angle) * np.cross(up, start)
         view_from_world = np.stack([np.cross(-up, forward), -up, forward])
         seen = np.array([_seen(frame, tables[frame.camera], rays @ view_from_world) for frame in frames])
         for chosen in _chosen(seen):
-            views.setdefault(chosen, []).append(view_from_world)
+            views.setdefault(chosen, []).append(_View(view, view_from_world))
     return [_Task(frames[k], own) for k, own in sorted(views.items())]
 
 
@@ -139,7 +169,7 @@ def _chosen(seen: FloatArray) -> list[int]:
     return chosen
 
 
-def _segments(task: _Task, table: RayTable, view: Camera) -> list[Segments]:
+def _segments(task: _Task, table: RayTable) -> list[Segments]:
     """Those of each view."""
     frame = task.frame
     assert frame.camera_from_world is not None
@@ -148,7 +178,7 @@ def _segments(task: _Task, table: RayTable, view: Camera) -> list[Segments]:
     if frame.mask is not None or picture.shape[2] == 4:
         grey = np.stack([grey, allowed_pixels(frame, picture)], -1)
     found = []
-    for view_from_world in task.views:
+    for view, view_from_world in task.views:
         flat, weight = remap(grey, table, view, view_from_world @ frame.camera_from_world.T)
         whole = weight > 0.99
         if flat.ndim == 3:

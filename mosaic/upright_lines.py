@@ -143,17 +143,19 @@ def _refined(up: FloatArray, segments: Segments) -> Upright:
         if scale == _LAST_SCALE:
             break
         scale = max(scale * _SHRINK, _LAST_SCALE)
-    scores = np.asarray(slope * (weight * lean)[:, None])
-    covariance = _clustered(scores, segments.middles @ sides.T, np.asarray(np.linalg.inv(normal)))
+    covariance = _clustered(slope * weight[:, None], lean, segments.middles @ sides.T, normal)
     return Upright(up, math.degrees(math.sqrt(float(np.trace(covariance)))))
 
 
-def _clustered(scores: FloatArray, aside: FloatArray, inverse: FloatArray) -> FloatArray:
+def _clustered(pull: FloatArray, lean: FloatArray, aside: FloatArray, normal: FloatArray) -> FloatArray:
     """Covariance (2, 2) of up: lines of one direction share what is wrong with it, a wall that leans for one.
 
     Their sums scatter, not they: White's estimate for clusters, which are the sectors that `aside` (n, 2) lies in.
+    Few sectors scatter little by chance: to each comes the lean that the lines of a sector may have in common.
     """
     turn = np.arctan2(aside[:, 1], aside[:, 0]) / (2 * math.pi)
     sector = np.floor(turn * _SECTORS).astype(int) % _SECTORS
-    sums = np.stack([scores[sector == k].sum(0) for k in range(_SECTORS)])
-    return np.asarray(inverse @ (sums.T @ sums) @ inverse + inverse)
+    inverse = np.linalg.inv(normal)
+    own, common = pull * lean[:, None], pull * _TRUE
+    sums = np.stack([part[sector == k].sum(0) for k in range(_SECTORS) for part in (own, common)])
+    return np.asarray(inverse @ (sums.T @ sums + normal) @ inverse)
