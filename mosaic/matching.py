@@ -15,6 +15,7 @@ RATIO = 0.75  # Lowe's test: the best match is nearer than this times the second
 HELD_BACK = 5  # one match in so many is never used in a fit
 MIN_INLIERS = 12  # chance agreement with a rotation to a hundredth of the sphere's area does not reach it
 _TRIALS = 600
+_JUDGES = 300  # matches that are enough to choose among the trials by
 _BLOCK = 256  # rows of the similarity matrix at a time: they stay in the processor's cache
 
 
@@ -103,9 +104,10 @@ def fit_rotation(rays_a: FloatArray, rays_b: FloatArray, tolerance: FloatArray, 
     candidates = _two_ray_rotations(rays_a, rays_b, limit, np.random.default_rng(seed))
     if len(candidates) == 0:
         return None
-    products = (rays_b[:, :, None] * rays_a[:, None, :]).reshape(n, 9)
+    judges = slice(None, None, -(-n // _JUDGES))
+    products = (rays_b[judges, :, None] * rays_a[judges, None, :]).reshape(-1, 9)
     chord2 = 2 - 2 * candidates.reshape(-1, 9) @ products.T  # |b - R a|^2 of unit rays, as one matrix product
-    rotation = candidates[np.minimum(chord2 / limit**2, 1.0).sum(1).argmin()]
+    rotation = candidates[np.minimum(chord2 / limit[judges] ** 2, 1.0).sum(1).argmin()]
     inliers = np.zeros(n, bool)
     for _ in range(20):
         now = np.linalg.norm(rays_a @ rotation.T - rays_b, axis=1) < limit

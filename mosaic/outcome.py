@@ -11,7 +11,7 @@ import numpy as np
 from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.allowed import allowed_pixels
 from fullsphere.mosaic.left_out import why_left_out
-from fullsphere.mosaic.level import level_turn
+from fullsphere.mosaic.level import level
 from fullsphere.mosaic.links import Evidence, Pair
 from fullsphere.mosaic.match_errors import held_out_px
 from fullsphere.mosaic.options import Levelling
@@ -57,7 +57,6 @@ def mosaic_of(
         Where pairs are worked on side by side.
     """
     links, group, adjusted = solution
-    turn, level = level_turn([adjusted.rotations[k] for k in group])
     reasons = _reasons(frames, evidence, solution, executor)
     placed: list[Frame] = []
     for k, frame in enumerate(frames):
@@ -66,18 +65,29 @@ def mosaic_of(
         elif frame.reason:
             placed.append(frame)
         else:
-            rotation, sigma_deg = adjusted.rotations[k] @ turn.T, float(np.rad2deg(adjusted.sigma[k]))
-            placed.append(dataclasses.replace(frame, camera_from_world=rotation, sigma_deg=sigma_deg))
+            sigma_deg = float(np.rad2deg(adjusted.sigma[k]))
+            placed.append(dataclasses.replace(frame, camera_from_world=adjusted.rotations[k], sigma_deg=sigma_deg))
+    levelled = level(placed, adjusted.cameras, levelling, executor)
     return Mosaic(
         adjusted.cameras,
-        tuple(placed),
+        tuple(_turned(frame, levelled.levelled_from_world) for frame in placed),
         tuple(_judged(link, parallax) for link in links),
-        level=level,
+        level=levelled.source,
         self_calibrated=self_calibrated,
-        quality=_quality(solution, rig),
+        quality=_quality(solution, rig) | _known(level_sigma_deg=levelled.sigma_deg),
         camera_from_rig=tuple(adjusted.mounts) if rig.mount_tree(group) else (),
         camera_covariances=adjusted.covariances if any(c.any() for c in adjusted.covariances) else (),
     )
+
+
+def _turned(frame: Frame, levelled_from_world: FloatArray) -> Frame:
+    if frame.camera_from_world is None:
+        return frame
+    return dataclasses.replace(frame, camera_from_world=frame.camera_from_world @ levelled_from_world.T)
+
+
+def _known(**figures: float | None) -> dict[str, float]:
+    return {name: figure for name, figure in figures.items() if figure is not None}
 
 
 def _reasons(

@@ -94,14 +94,14 @@ def register(
         solution = solve(evidence)
     except GeometryError as error:
         raise _because_of_the_lens(error, evidence, given, rig, executor) from error
+    wrong = None if given is None or options.refine else wrong_lens(evidence, given, rig, executor, solution)
     parallax = _parallax(evidence, solution, executor)
-    places = viewpoints(parallax)
+    places = None if wrong else viewpoints(parallax)  # a wrong lens looks like parallax
     if places is not None:  # parallax between them has bent whatever was adjusted
         frames, evidence = _from_one_place(frames, evidence, places)
         solution = solve(evidence)
         parallax = _parallax(evidence, solution, executor)
     mosaic = mosaic_of(frames, rig, evidence, solution, parallax, given is None, options.levelling, executor)
-    wrong = None if given is None or options.refine else wrong_lens(evidence, given, rig, executor, solution)
     sentences = diagnose(mosaic, evidence, parallax, wrong, places, executor)
     return dataclasses.replace(mosaic, diagnosis=sentences)
 

@@ -19,6 +19,7 @@ _COST_OF_DOWN_UP = 8.0  # of a frame whose lower edge would be the higher one
 _NO_DIFFERENCE = 0.5  # of cost, for each frame that decides, between an up and its opposite
 _LEAST_SCALE = math.radians(0.3)
 _PRIOR_SCALE, _PRIOR_FRAMES = math.radians(4.0), 2.0  # what hands do, worth so many frames
+_TRIPOD_FRAMES = 3  # that agree on a roll far better than hands do, besides those that fix it
 _MOST_ROWS = 3
 _TIGHT = 0.75
 _FREEDOM = 4.0  # degrees of freedom of Student's t, in which single rolled frames weigh little
@@ -168,8 +169,10 @@ def _weights(errors: FloatArray, scale: float) -> FloatArray:
 
 def _scale(errors: FloatArray, weights: FloatArray, unknowns: float) -> float:
     known = max(len(errors) - unknowns, 0.0)
-    square = float((weights * errors**2).sum()) + _PRIOR_FRAMES * _PRIOR_SCALE**2
-    return max(math.sqrt(square / (known + _PRIOR_FRAMES)), _LEAST_SCALE)
+    square = float((weights * errors**2).sum())
+    if known >= _TRIPOD_FRAMES and square < known * _LEAST_SCALE**2:  # no hand is so steady so often
+        return _LEAST_SCALE
+    return max(math.sqrt((square + _PRIOR_FRAMES * _PRIOR_SCALE**2) / (known + _PRIOR_FRAMES)), _LEAST_SCALE)
 
 
 def _in_rows(pitch: FloatArray, rows: int) -> tuple[NDArray[np.intp], FloatArray]:
