@@ -8,6 +8,8 @@ from concurrent.futures import Executor
 
 import numpy as np
 
+from fullsphere.model.camera import Camera
+from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.links import Evidence, Pair
 from fullsphere.mosaic.moving_things import moving_things
 from fullsphere.mosaic.parallax import Parallax, parallaxes
@@ -15,9 +17,10 @@ from fullsphere.mosaic.project import Frame, Link, Mosaic
 from fullsphere.mosaic.viewpoints import Viewpoints, pairs_to_compare, viewpoints
 from fullsphere.mosaic.wrong_lens import WrongLens
 
-WEAK_CURVE = 0.003
+WEAK_CURVE = 0.002
 """Standard deviation of r(theta), as a share of the image circle's radius, from which a lens is weakly determined."""
 
+_COVERED = 0.4  # share of the field of view that matches must cover for the rest of the curve to follow from them
 _WEAK_PX = 1.0  # standard deviation of a frame's orientation at which a seam shows it
 _FEW = 40  # matches with all other frames together: one thing that moved can spoil them
 _FEW_FRAMES = 3  # that are named one by one
@@ -105,21 +108,42 @@ def _of_weak_lens(mosaic: Mosaic) -> list[str]:
     if not mosaic.self_calibrated:
         return []
     sentences = []
-    for k, (camera, covariance) in enumerate(zip(mosaic.cameras, mosaic.camera_covariances, strict=False)):
-        theta = np.linspace(0, camera.half_fov, 60)[1:]
-        own = len(camera.lens.values)
-        by_value = np.asarray(camera.lens.radius_by_parameter(theta)).reshape(len(theta), own)
-        variance = np.einsum("ti,ij,tj->t", by_value, covariance[:own, :own], by_value)
-        sigma = np.sqrt(np.maximum(variance, 0))
-        if sigma.max() > WEAK_CURVE * camera.image_radius:
-            worst = int(sigma.argmax())
-            of = f" of camera {k + 1}" if len(mosaic.cameras) > 1 else ""
-            sentences.append(
-                f"the lens{of} is weakly determined by these frames: its curve is known to {sigma[worst]:.1f} px only, "
-                f"{math.degrees(theta[worst]):.0f} degrees from the axis: take more frames that overlap by half, or "
-                "calibrate the lens and give it with --camera"
-            )
+    for k, camera in enumerate(mosaic.cameras):
+        covariance = mosaic.camera_covariances[k] if mosaic.camera_covariances else None
+        sigma_px, at = _widest(camera, covariance)
+        seen = _angles_seen(mosaic, k)
+        if not seen.size:
+            continue
+        low, high = np.quantile(seen, [0.02, 0.98])
+        if sigma_px < WEAK_CURVE * camera.image_radius and high - low > _COVERED * camera.half_fov:
+            continue
+        of = f" of camera {k + 1}" if len(mosaic.cameras) > 1 else ""
+        sentences.append(
+            f"the lens{of} is weakly determined by these frames: its curve is known to {sigma_px:.1f} px only, "
+            f"{math.degrees(at):.0f} degrees from the axis, and they have matches from {math.degrees(low):.0f} to "
+            f"{math.degrees(high):.0f} degrees: take more frames that overlap by half, or calibrate the lens and give "
+            "it with --camera"
+        )
     return sentences
+
+
+def _widest(camera: Camera, covariance: FloatArray | None) -> tuple[float, float]:
+    """The largest standard deviation of r(theta) in pixels, and the angle where it is."""
+    theta = np.linspace(0, camera.half_fov, 60)[1:]
+    own = len(camera.lens.values)
+    by_value = np.asarray(camera.lens.radius_by_parameter(theta)).reshape(len(theta), own)
+    known = np.zeros((own, own)) if covariance is None else covariance[:own, :own]
+    variance = np.einsum("ti,ij,tj->t", by_value, known, by_value)
+    worst = int(variance.argmax())
+    return math.sqrt(max(float(variance[worst]), 0.0)), float(theta[worst])
+
+
+def _angles_seen(mosaic: Mosaic, camera: int) -> FloatArray:
+    """Angles (m,) from the axis of the keypoints that matches have in a camera's frames."""
+    ends = [end for link in mosaic.links for end in ((link.i, link.pixels_i), (link.j, link.pixels_j))]
+    pixels = [of_frame for frame, of_frame in ends if mosaic.frames[frame].camera == camera]
+    z = mosaic.cameras[camera].unproject(np.concatenate([np.empty((0, 2)), *pixels]))[:, 2]
+    return np.asarray(np.arccos(np.clip(z[np.isfinite(z)], -1, 1)))
 
 
 def _of_weak_frames(mosaic: Mosaic, lens_known: bool) -> list[str]:

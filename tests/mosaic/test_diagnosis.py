@@ -109,6 +109,15 @@ def test_a_lens_that_is_weakly_determined_is_said_so() -> None:
         assert len(weak) == expected
 
 
+def test_a_lens_seen_at_the_rim_only_is_weakly_determined_whatever_its_sigma() -> None:
+    back_to_back = np.array([orientation(0), orientation(178)])
+    evidence = evidence_of(CAMERA, back_to_back, np.zeros((2, 3)), room_points(4000), 0.2)
+    mosaic = dataclasses.replace(solved(evidence), self_calibrated=True)
+    (sentence,) = diagnose(mosaic, evidence)
+    assert "weakly determined" in sentence
+    assert diagnose(dataclasses.replace(mosaic, self_calibrated=False), evidence) == ()
+
+
 def scaled(factor: float) -> Camera:
     return dataclasses.replace(CAMERA, lens=CAMERA.lens.scaled(factor))
 
