@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.camera import Camera
-from fullsphere.model.lens import FloatArray
+from fullsphere.model.lens import FloatArray, angle_of_radius
 from fullsphere.mosaic.match_kernels import turned, whiten
 from fullsphere.mosaic.project import Link
 from fullsphere.mosaic.rig import Rig
+
+_AS_FAR = 1.5  # times the image circle's radius: what lies further out is no match
 
 
 class MatchArrays(NamedTuple):
@@ -106,6 +108,8 @@ def held_out_px(links: Sequence[Link], rotations: FloatArray, cameras: Sequence[
 def opened_camera(camera: Camera) -> Camera:
     """The camera with its field of view widened, so that a ray slightly past the rim still has a residual."""
     limit = min(camera.half_fov + 0.35, camera.lens.theta_max * (1 - 1e-6))
+    if float(camera.lens.radius(limit)) > _AS_FAR * camera.image_radius:  # a lens near its pole reaches far out at once
+        limit = float(angle_of_radius(camera.lens, _AS_FAR * camera.image_radius, limit))
     return dataclasses.replace(camera, half_fov=max(limit, camera.half_fov))
 
 
