@@ -6,6 +6,7 @@ from any frame that overlaps.  It is cheap, and it tells how much two frames hav
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -110,10 +111,12 @@ def missing_pairs(
 
 
 def _largest(features: Features) -> Features:
-    if not features.sigma_px.size:
-        return features.where(np.arange(min(len(features), _LARGEST)))
-    order = np.lexsort((features.pixels[:, 1], features.pixels[:, 0], -features.sigma_px))
-    return features.where(order[:_LARGEST])
+    """The largest keypoints, or the first where sizes are not known; single precision, as they are compared often."""
+    order = np.arange(len(features))
+    if features.sigma_px.size:
+        order = np.lexsort((features.pixels[:, 1], features.pixels[:, 0], -features.sigma_px))
+    some = features.where(order[:_LARGEST])
+    return dataclasses.replace(some, descriptors=some.descriptors.astype(np.float32))
 
 
 def _by_likeness(frames: Sequence[int], shared: NDArray[np.int32]) -> set[Pair]:

@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.camera import Camera
-from fullsphere.model.circle import ImageCircle
-from fullsphere.model.lens import Equisolid, FloatArray, Stereographic
+from fullsphere.model.lens import FloatArray, Stereographic
 from fullsphere.model.remap import remap
 from fullsphere.model.table import RayTable, tabulate
 
-_GUESSED_HALF_FOV = math.radians(92)  # of a lens that images a whole circle; it need not be exact
 _NARROWEST, _WIDEST = math.radians(40), math.radians(110)  # of half the field: nothing gained below, too much above
 _GRID = 48  # cells of a coarse grid on which the view is laid out
 _FULL = 0.999  # weight of a pixel that the frame covers wholly
@@ -54,12 +52,6 @@ class View:
 def is_wide(camera: Camera) -> bool:
     """Whether the camera's pictures gain by a conformal view."""
     return _NARROWEST < camera.half_fov <= _WIDEST
-
-
-def guessed_camera(size: tuple[int, int], circle: ImageCircle) -> Camera:
-    """A camera near enough to that of a fisheye frame of which only the image circle is known."""
-    lens = Equisolid(circle.radius / float(Equisolid(1.0).radius(_GUESSED_HALF_FOV)))
-    return Camera(lens, size, circle.centre, half_fov=_GUESSED_HALF_FOV)
 
 
 def conformal_view(

@@ -77,8 +77,8 @@ def find_features(
     most
         Keep about this many: the strongest of each cell of a grid.  The picture is reduced to what gives so many.
     camera
-        That took the frame, or a guess: wide pictures are looked at in a conformal view.  None to look at the picture
-        as it is.
+        That took the frame: wide pictures are looked at in a conformal view.  None to look at the picture as it is,
+        which is better than a view by a lens that is only guessed.
     """
     none = Features(np.empty((0, 2)), np.empty((0, 128), np.float16))
     most_px = min(_AREA_PER_KEYPOINT_PX * most, _MAX_AREA_PX)

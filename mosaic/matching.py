@@ -47,7 +47,7 @@ def match_features(a: Features, b: Features) -> Matches:
     count, other = len(a), len(b)
     best_of_row, rows = np.zeros(count, np.intp), np.full((count, 2), -2, np.float32)
     best_of_column, columns = np.zeros(other, np.intp), np.full((other, 2), -2, np.float32)
-    words, transposed = a.descriptors.astype(np.float32), np.ascontiguousarray(b.descriptors.T, np.float32)
+    words, transposed = a.descriptors.astype(np.float32, copy=False), np.ascontiguousarray(b.descriptors.T, np.float32)
     for start in range(0, count, _BLOCK):
         similarity = words[start : start + _BLOCK] @ transposed
         two_best(similarity, start, best_of_row, rows, best_of_column, columns)
