@@ -18,7 +18,6 @@ from fullsphere.mosaic.unusable import what_is_wrong
 
 _TOLERANCE_PX = 6.0  # as wide as a rotation bears it: the camera may be a little off
 _CLEARLY = 2 * MIN_INLIERS  # matches that chance does not bring together
-_SUSPICIOUS = 0.2  # share of what other frames are held by, below which a frame may be mirrored
 _LOOKED_AT = 16  # placed frames that one that was left out is held against
 
 
@@ -66,7 +65,8 @@ def why_left_out(
         return f"shows too little texture: {len(features)} features found"
     mirrored = _if_mirrored(k, frames[k].size[0], evidence, cameras, placed)
     if mirrored is not None:
-        return _mirrored(mirrored, frames)
+        name = frames[mirrored.frame].id
+        return f"is mirrored: flipped from left to right it agrees with {name} ({mirrored.agreeing} matches); flip it"
     companions = _companions(k, links, set(placed))
     if companions:
         names = _listed([frames[c].id for c in companions])
@@ -78,45 +78,6 @@ def why_left_out(
     best = _most_matches(k, evidence, placed)
     most = f" (the most, {best.agreeing}, with {frames[best.frame].id})" if best is not None else ""
     return f"does not overlap the other frames, or shows another place: no rotation agrees with its matches{most}"
-
-
-def mirrored_among(
-    frames: Sequence[Frame],
-    evidence: Evidence,
-    cameras: Sequence[Camera],
-    links: Sequence[Link],
-    group: Collection[int],
-) -> dict[int, str]:
-    """Frames that were registered although they are mirrored, with the words that leave them out.
-
-    What looks alike from left to right links a mirrored frame to others now and then, by a few matches of hundreds; its
-    place is wrong then.  Only frames that hang on far fewer matches than the others are flipped and tried.
-
-    Parameters
-    ----------
-    frames, evidence, cameras, group
-        As for `why_left_out`.
-    links
-        Those that hold the group together.
-    """
-    held = {int(k): 0 for k in group}
-    for link in links:
-        for k in (link.i, link.j):
-            held[k] += len(link.pixels_i) + len(link.held_i)
-    usual = float(np.median(list(held.values())))
-    found = {}
-    for k, matches in held.items():
-        if matches < _SUSPICIOUS * usual:
-            others = [other for other in sorted(held) if other != k]
-            best = _if_mirrored(k, frames[k].size[0], evidence, cameras, others)
-            if best is not None and best.agreeing > matches:
-                found[k] = _mirrored(best, frames)
-    return found
-
-
-def _mirrored(best: _Best, frames: Sequence[Frame]) -> str:
-    name = frames[best.frame].id
-    return f"is mirrored: flipped from left to right it agrees with {name} ({best.agreeing} matches); flip it"
 
 
 def _if_mirrored(

@@ -14,7 +14,7 @@ from turning import frame_of, orientation
 from fullsphere.model.workers import thread_pool
 from fullsphere.mosaic.copies import copies
 from fullsphere.mosaic.features import find_features
-from fullsphere.mosaic.left_out import mirrored_among, why_left_out
+from fullsphere.mosaic.left_out import why_left_out
 from fullsphere.mosaic.links import Evidence, gather_evidence
 from fullsphere.mosaic.matching import match_features
 from fullsphere.mosaic.mirrored import flipped
@@ -118,17 +118,6 @@ def test_a_mirrored_frame_is_named(room: PanelScene, good: list[Picture]) -> Non
     said = reason(good, np.ascontiguousarray(shot(room, 90, seed=9)[:, ::-1]))
     assert "is mirrored" in said
     assert "flip" in said
-
-
-def test_a_mirrored_frame_that_was_registered_all_the_same_is_named(room: PanelScene, good: list[Picture]) -> None:
-    mirrored = np.ascontiguousarray(shot(room, 90, seed=9)[:, ::-1])
-    frames, evidence = looked_at([*good, mirrored])
-    links = [link for link in evidence.links([CAMERA], 4.0) if link.j < 3]
-    by_chance = dataclasses.replace(links[0], i=2, j=3).kept(np.arange(len(links[0].pixels_i)) < 14)
-    found = mirrored_among(frames, evidence, [CAMERA], [*links, by_chance], range(4))
-    assert set(found) == {3}
-    assert "is mirrored" in found[3]
-    assert mirrored_among(frames, evidence, [CAMERA], links, range(3)) == {}
 
 
 def test_a_frame_of_another_room_is_not_called_mirrored(good: list[Picture]) -> None:
