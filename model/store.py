@@ -16,8 +16,8 @@ import numpy as np
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import CameraError, InputError
 from fullsphere.model.files import read_json, write_json
-from fullsphere.model.json_values import demand_keys, number_of, numbers_of, object_of
-from fullsphere.model.lens import LENSES, Lens
+from fullsphere.model.json_values import demand_keys, list_of, number_of, numbers_of, object_of
+from fullsphere.model.lens import LENSES, FloatArray, Lens
 
 FORMAT = "fullsphere-camera/1"
 
@@ -38,6 +38,35 @@ def load_camera(path: Path) -> Camera:
         If the file cannot be read or describes no camera; names the file and the key.
     """
     return camera_from_dict(read_json(path), str(path))
+
+
+def load_covariance(path: Path) -> FloatArray | None:
+    """The covariance (P, P) of a camera.json's values, in the order of the camera's `parameter_names`.
+
+    None where the file tells of none, or of another set of values.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or what it holds is no covariance; names the file and the key.
+    """
+    value = read_json(path)
+    camera = camera_from_dict(value, str(path))
+    record = value.get("calibration", {}).get("covariance")
+    if record is None:
+        return None
+    where = f"{path}: calibration: covariance"
+    record = object_of(record, where)
+    demand_keys(record, where, ("of", "values"), ())
+    names = list_of(record, "of", where)
+    rows = [numbers_of({"values": row}, "values", where, len(names)) for row in list_of(record, "values", where)]
+    matrix = np.array(rows).reshape(len(rows), len(names))
+    if len(rows) != len(names) or not np.allclose(matrix, matrix.T, rtol=1e-6) or (np.diag(matrix) < 0).any():
+        raise InputError(f"{where}: is not a symmetric matrix with a row for each of its names")
+    if set(names) != set(camera.parameter_names):
+        return None
+    order = [names.index(name) for name in camera.parameter_names]
+    return matrix[np.ix_(order, order)]
 
 
 def save_camera(
