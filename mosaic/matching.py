@@ -11,7 +11,7 @@ from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.features import Features
 from fullsphere.mosaic.kernels import two_best
 
-RATIO = 0.75  # Lowe's test: the best match is nearer than this times the second best
+RATIO = 0.72  # Lowe's test: the best match is nearer than this times the second best
 HELD_BACK = 5  # one match in so many is never used in a fit
 MIN_INLIERS = 12  # chance agreement with a rotation to a hundredth of the sphere's area does not reach it
 _TRIALS = 600

@@ -12,13 +12,15 @@ from fullsphere.model.circle import ImageCircle
 from fullsphere.model.errors import GeometryError, InputError, UsageError
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.workers import ordered_map
+from fullsphere.mosaic import self_calibration
 from fullsphere.mosaic.adjust import Known
 from fullsphere.mosaic.allowed import allowed_pixels
+from fullsphere.mosaic.candidates import near_pairs
 from fullsphere.mosaic.copies import copies
 from fullsphere.mosaic.diagnosis import diagnose, of_wrong_lens
 from fullsphere.mosaic.features import Features, find_features
-from fullsphere.mosaic.links import Evidence, Pair, Progress, gather_evidence
-from fullsphere.mosaic.options import DEFAULT, Options
+from fullsphere.mosaic.links import Evidence, Pair, Progress, gather_evidence, matched
+from fullsphere.mosaic.options import DEFAULT, Options, Order
 from fullsphere.mosaic.outcome import mosaic_of
 from fullsphere.mosaic.parallax import Parallax, parallaxes
 from fullsphere.mosaic.project import Frame, Mosaic
@@ -29,6 +31,7 @@ from fullsphere.mosaic.solution import Solution, refined, solve_links
 from fullsphere.mosaic.viewpoints import Viewpoints, pairs_to_compare, viewpoints
 from fullsphere.mosaic.wrong_lens import wrong_lens
 
+_NEIGHBOURS = 6  # of each frame that are matched in the end, by where they look
 _KEYPOINTS = 24_000  # of all frames together: few frames may have their fill of them
 _MOST, _LEAST = 6000, 2500  # of one frame
 
@@ -80,20 +83,31 @@ def register(
     given = (cameras,) if isinstance(cameras, Camera) else None if cameras is None else tuple(cameras)
     of_camera = _by_camera(frames, given)
     circles = [None if given else common_circle(own) for own in of_camera]
-    frames, evidence = _observed(frames, usable, given, circles, executor, progress)
+    frames, evidence = _observed(frames, usable, given, circles, options.order, executor, progress)
     frames, evidence = _without_copies(frames, evidence)
     rig = Rig.of(frames)
 
-    def solve(evidence: Evidence) -> Solution:
+    def settle(evidence: Evidence, cameras: Sequence[Camera]) -> Solution:
         if given is not None:
             return _under(given, covariances, evidence, rig, options.refine, executor)
-        starts = [starting_cameras(own[0].size, circle) for own, circle in zip(of_camera, circles, strict=True)]
-        return self_calibrate(evidence, list(zip(*starts, strict=True)), rig, options.lens, executor)
+        return self_calibration.settle(
+            evidence, cameras, [one[0] for one in _starts(of_camera, circles)], rig, executor
+        )
+
+    def solve(evidence: Evidence) -> Solution:
+        if given is not None:
+            return settle(evidence, given)
+        starts = list(zip(*_starts(of_camera, circles), strict=True))
+        return self_calibrate(evidence, starts, rig, options.lens, executor)
 
     try:
         solution = solve(evidence)
     except GeometryError as error:
         raise _because_of_the_lens(error, evidence, given, rig, executor) from error
+    pairs = near_pairs({int(k): solution.adjustment.rotations[k] for k in solution.group}, _NEIGHBOURS)
+    if not evidence.matches.keys() >= set(pairs):  # frames that follow one another late see the same early ones again
+        evidence = matched(evidence, pairs, executor, progress)
+        solution = settle(evidence, solution.adjustment.cameras)
     wrong = None if given is None or options.refine else wrong_lens(evidence, given, rig, executor, solution)
     parallax = _parallax(evidence, solution, executor)
     places = None if wrong else viewpoints(parallax)  # a wrong lens looks like parallax
@@ -126,6 +140,7 @@ def _observed(
     usable: Sequence[int],
     given: Sequence[Camera] | None,
     circles: Sequence[ImageCircle | None],
+    order: Order,
     executor: Executor | None,
     progress: Progress,
 ) -> tuple[list[Frame], Evidence]:
@@ -137,7 +152,7 @@ def _observed(
         try:
             picture = frame.load()
             camera = given[frame.camera] if given is not None else None
-            return find_features(picture, allowed_pixels(frame, picture, camera, circles[frame.camera]), most)
+            return find_features(picture, allowed_pixels(frame, picture, camera, circles[frame.camera]), most, camera)
         except InputError as error:
             return str(error)
 
@@ -146,8 +161,14 @@ def _observed(
     left = [frame.left_out(found[k]) if isinstance(found.get(k), str) else frame for k, frame in enumerate(frames)]
     features = {k: one for k, one in found.items() if isinstance(one, Features)}
     _demand_two(left)
-    evidence = gather_evidence(features, executor, progress)
+    priors = {k: prior for k in features if (prior := frames[k].prior) is not None}
+    evidence = gather_evidence(features, executor, progress, order, priors)
     return left, dataclasses.replace(evidence, camera_of={k: frames[k].camera for k in features})
+
+
+def _starts(of_camera: Sequence[Sequence[Frame]], circles: Sequence[ImageCircle | None]) -> list[list[Camera]]:
+    """For each camera those to try first."""
+    return [starting_cameras(own[0].size, circle) for own, circle in zip(of_camera, circles, strict=True)]
 
 
 def _without_copies(frames: Sequence[Frame], evidence: Evidence) -> tuple[list[Frame], Evidence]:

@@ -118,15 +118,34 @@ def self_calibrate(
     GeometryError
         If no two frames can be registered under any of the starts.
     """
+    cameras = _found(evidence, starts, rig, executor)
+    if lens != BaksteinPajdla.projection:
+        cameras = of_one_lens(tuple(with_lens(camera, lens) for camera in cameras))
+    return settle(evidence, cameras, starts[0], rig, executor)
+
+
+def settle(
+    evidence: Evidence,
+    cameras: Sequence[Camera],
+    starts: Sequence[Camera],
+    rig: Rig,
+    executor: Executor | None = None,
+) -> Solution:
+    """The last adjustment of cameras that are nearly found, with all matches; parameters as of `self_calibrate`.
+
+    `starts` has one of the starting cameras for every camera of the rig: they tell the circles.
+    """
+    links = evidence.links(cameras, tolerance_px(cameras), executor)
+    tied = (*_lens_names(cameras), "aspect")
+    return solve_links(links, rig, cameras, (*tied, *_CENTRE), known=_usual(starts), tied=tied)
+
+
+def _found(
+    evidence: Evidence, starts: Sequence[tuple[Camera, ...]], rig: Rig, executor: Executor | None
+) -> tuple[Camera, ...]:
+    """Cameras that are right to a pixel or so."""
     few, more = evidence.strongest_pairs(2), evidence.strongest_pairs(5)
-    usual = [  # the axis meets the picture near the middle of its circle, or its own where there is none
-        Known(
-            (*_CENTRE, "aspect"),
-            np.array([*start.centre, 1.0]),
-            np.diag([(_OFF_CENTRE * start.image_radius) ** 2] * 2 + [_NOT_SQUARE**2]),
-        )
-        for start in starts[0]
-    ]
+    usual = _usual(starts[0])
 
     def improve(cameras: Sequence[Camera], links: Sequence[Link], free: Sequence[str], scale: float) -> Adjustment:
         sampled = [thinned(link, _SAMPLE) for link in links]
@@ -145,12 +164,19 @@ def self_calibrate(
         links = evidence.links(cameras, max(tolerance * cameras[0].image_radius, tolerance_px(cameras)), executor, more)
         for scale in scales:
             cameras = improve(cameras, links, free, scale).cameras
-    if lens != BaksteinPajdla.projection:
-        cameras = of_one_lens(tuple(with_lens(camera, lens) for camera in cameras))
-        shape = _lens_names(cameras)
-    links = evidence.links(cameras, tolerance_px(cameras), executor)
-    tied = (*shape, "aspect")
-    return solve_links(links, rig, cameras, (*tied, *_CENTRE), known=usual, tied=tied)
+    return cameras
+
+
+def _usual(starts: Sequence[Camera]) -> list[Known]:
+    """What is usual of cameras: the axis meets the picture near the middle of its circle, and pixels are square."""
+    return [
+        Known(
+            (*_CENTRE, "aspect"),
+            np.array([*start.centre, 1.0]),
+            np.diag([(_OFF_CENTRE * start.image_radius) ** 2] * 2 + [_NOT_SQUARE**2]),
+        )
+        for start in starts
+    ]
 
 
 def tolerance_px(cameras: Sequence[Camera]) -> float:

@@ -26,7 +26,7 @@ def commands_in(page: Path) -> Iterator[tuple[str, list[str]]]:
     for code in (*blocks, *spans):
         for words in COMMAND.findall(re.sub(r"\\\n", " ", code)):
             first, *others = words.split() or [""]
-            yield first, [word for word in others if re.match(r"--?[a-z]", word)]
+            yield first, [word.split("=")[0] for word in others if re.match(r"--?[a-z]", word)]
 
 
 def named(page: Path) -> str:

@@ -125,7 +125,7 @@ def test_matches_are_found_whatever_the_order() -> None:
 def test_what_looks_like_two_things_or_like_nothing_is_not_matched() -> None:
     rng = np.random.default_rng(0)
     a, others = described(50, rng), described(40, rng)
-    both = np.vstack([a.descriptors[:25], a.descriptors[:5], others.descriptors])
+    both = np.vstack([a.descriptors[:25], a.descriptors[:5], others.descriptors]).astype(np.float32)
     twice = Features(np.zeros((len(both), 2)), both)
     found = match_features(a, twice)
     np.testing.assert_array_equal(found.first, np.arange(5, 25))  # 0..4 are there twice, 25..49 not at all
