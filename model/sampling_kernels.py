@@ -16,7 +16,7 @@ TAPS = (1, 2, 4, 6)
 """Taps along a side of each kernel."""
 
 SHARP_PX = 1.2
-"""A footprint of fewer source pixels is not averaged."""
+"""A footprint of fewer source pixels is not averaged, unless a caller says otherwise."""
 
 _CHUNK = 256  # a chunk and its weights stay in the innermost cache
 _MOST = 64  # samples along a side of one pixel's footprint
@@ -304,7 +304,8 @@ def sample_tile(
     limits
         Least u, least v, greatest u, greatest v of the picture; how its edges meet (0 not, 1 left and right, 2 as a
         sphere); centre u, centre v, aspect and radius of the disc outside which nothing is seen; pixels around, a huge
-        number where the edges do not meet; the longest step that is no jump.  Of the positions' type.
+        number where the edges do not meet; the longest step that is no jump; the square of the footprint, in source
+        pixels, up to which nothing is averaged.  Of the positions' type.
     top
         The largest code of an integer type, to which values are clipped; zero for floating point.
     left, width
@@ -472,16 +473,16 @@ def _average(
 
     The footprint is the parallelogram of the steps to the neighbours, taken from the positions themselves.  A source
     pixel is itself an average over its square, and an average over less than a pixel changes nothing that a camera
-    resolves: a footprint of s pixels is averaged over sqrt(s^2 - 1.2^2).  So this goes over into the value at the point
-    where s falls to 1.2, and is the whole of the footprint where s is large.
+    resolves: a footprint of s pixels is averaged over sqrt(s^2 - 1.2^2) (or what `limits` say).  So this goes over into
+    the value at the point where s falls to 1.2, and is the whole of the footprint where s is large.
     """
     height, width, kept = out.shape
-    around, longest = limits[9], limits[10]
+    around, longest, sharp = limits[9], limits[10], limits[11]
     large = np.zeros(width, np.uint8)
     at_u, at_v, owner = np.zeros(_CHUNK, u.dtype), np.zeros(_CHUNK, u.dtype), np.zeros(_CHUNK, np.int32)
     total, number = np.zeros((width, 4), np.float32), np.zeros(width, np.int32)
     for j in range(height):
-        if _mark_large(u, v, j, around, longest, large) == 0:
+        if _mark_large(u, v, j, limits, large) == 0:
             continue
         total[:] = 0
         number[:] = 0
@@ -494,12 +495,12 @@ def _average(
             yu, yv, y = _shorter(u[j, i + 1], p, u[j + 2, i + 1], v[j, i + 1], q, v[j + 2, i + 1], around, longest)
             across, down = min(int(np.ceil(x)), _MOST), min(int(np.ceil(y)), _MOST)
             wide, high = x * 0, y * 0
-            if x * x > _SHARP:
-                wide = np.sqrt(_ONE - _SHARP / (x * x))
+            if x * x > sharp:
+                wide = np.sqrt(_ONE - sharp / (x * x))
             else:
                 across = 1
-            if y * y > _SHARP:
-                high = np.sqrt(_ONE - _SHARP / (y * y))
+            if y * y > sharp:
+                high = np.sqrt(_ONE - sharp / (y * y))
             else:
                 down = 1
             for m in range(across * down + 1):
@@ -553,8 +554,9 @@ def _mark_finer(
 
 
 @compiled
-def _mark_large(u: np.ndarray, v: np.ndarray, j: int, around: float, longest: float, large: np.ndarray) -> int:
+def _mark_large(u: np.ndarray, v: np.ndarray, j: int, limits: np.ndarray, large: np.ndarray) -> int:
     """Mark the pixels of row j whose footprint is clearly more than a source pixel wide or high; answers how many."""
+    around, longest, sharp = limits[9], limits[10], limits[11]
     above_u, row_u, below_u = u[j], u[j + 1], u[j + 2]
     above_v, row_v, below_v = v[j], v[j + 1], v[j + 2]
     count = 0
@@ -565,8 +567,8 @@ def _mark_large(u: np.ndarray, v: np.ndarray, j: int, around: float, longest: fl
         up = _squared(p - above_u[i + 1], q - above_v[i + 1], around, longest)
         down = _squared(below_u[i + 1] - p, below_v[i + 1] - q, around, longest)
         # where one step is NaN (outside) or jumps (to another face of a cube) the other decides
-        wide = (not left <= _SHARP) & (not right <= _SHARP) & ((left > _SHARP) | (right > _SHARP))
-        high = (not up <= _SHARP) & (not down <= _SHARP) & ((up > _SHARP) | (down > _SHARP))
+        wide = (not left <= sharp) & (not right <= sharp) & ((left > sharp) | (right > sharp))
+        high = (not up <= sharp) & (not down <= sharp) & ((up > sharp) | (down > sharp))
         large[i] = wide | high
         count += np.int32(wide | high)
     return count

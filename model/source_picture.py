@@ -134,6 +134,10 @@ class SourcePicture:
     origin: tuple[int, int]
     limits: FloatArray
 
+    def averaged_beyond(self, footprint_px: float) -> SourcePicture:
+        """The picture, of which footprints are averaged only where they are wider than so many of its pixels."""
+        return dataclasses.replace(self, limits=np.append(self.limits[:-1], footprint_px**2))
+
     def sampled(self, u: Places, v: Places, kind: int, shape: tuple[int, int]) -> Pixels:
         """Values (h, w, c) in the picture's type at positions in the bordered picture.
 
@@ -148,7 +152,7 @@ class SourcePicture:
         limits, (x, y) = self.limits, self.origin
         if self.origin != (0, 0):
             u, v = u - u.dtype.type(x), v - v.dtype.type(y)
-            limits = limits - np.array([x, y, x, y, 0, x, y, 0, 0, 0, 0])
+            limits = limits - np.array([x, y, x, y, 0, x, y, 0, 0, 0, 0, 0])
         width = columns.stop - columns.start
         direct = not self.samples.as_light
         room = out if direct else np.empty((len(out), width, out.shape[2]), self.samples.working)
@@ -258,7 +262,8 @@ def _limits(projection: Projection) -> FloatArray:
     around = width if meets else _NEVER
     longest = projection.side / 2 if isinstance(projection, CubeMap) else _NEVER
     edges = [least, least, width + least, height + least, meets]
-    return np.array([*edges, centre_u + BORDER, centre_v + BORDER, aspect, radius, around, longest])
+    centre = centre_u + BORDER, centre_v + BORDER
+    return np.array([*edges, *centre, aspect, radius, around, longest, kernels.SHARP_PX**2])
 
 
 def _disc(projection: Projection) -> tuple[float, float, float, float]:

@@ -25,7 +25,7 @@ every_place = pytest.mark.parametrize("real", [np.float32, np.float64])
 every_picture = pytest.mark.parametrize(
     ("dtype", "channels"), [*itertools.product((np.uint8, np.uint16, np.float32), (1, 3)), (np.float16, 3)]
 )
-LARGEST_STEP = 1.2  # source pixels, up to which a footprint is a point
+LARGEST_STEP = 1.2  # source pixels, up to which a footprint is a point, if nothing else is asked for
 
 
 def random_picture(dtype: Any, channels: int, width: int = WIDTH, height: int = HEIGHT) -> NDArray[Any]:
@@ -104,16 +104,17 @@ def pixel_twin(picture: FloatArray, kind: int, near: FloatArray, limits: FloatAr
     y = step_twin(near[0, 1], at, near[2, 1], limits[9])
     x, y = np.zeros(2) if x is None else x, np.zeros(2) if y is None else y
     across, down = (max(0.0, 1 - x[k] ** 2 - y[k] ** 2) / 24 for k in (0, 1))
+    largest = math.sqrt(limits[11])
     offsets = []
     for step in (x, y):
         length = float(np.linalg.norm(step))
-        if length <= LARGEST_STEP:
+        if length <= largest:
             offsets.append([0.0])
             continue
         count = min(math.ceil(length), 64)
-        wide = math.sqrt(length**2 - LARGEST_STEP**2) / length
+        wide = math.sqrt(length**2 - largest**2) / length
         offsets.append([((k + 0.5) / count - 0.5) * wide for k in range(count)])
-    if len(offsets[0]) == len(offsets[1]) == 1 and max(np.linalg.norm(x), np.linalg.norm(y)) <= LARGEST_STEP:
+    if len(offsets[0]) == len(offsets[1]) == 1 and max(np.linalg.norm(x), np.linalg.norm(y)) <= largest:
         return value_twin(picture, kind, at[0], at[1], across, down)
     places = [met_twin(at + a * x + b * y, limits) for b in offsets[1] for a in offsets[0]]
     seen = [place for place in places if seen_twin(place, limits)]
@@ -297,12 +298,16 @@ FOOTPRINTS: dict[
 
 
 @pytest.mark.parametrize("place", FOOTPRINTS)
-@pytest.mark.parametrize(("dtype", "channels"), [(np.uint8, 3), (np.uint16, 1), (np.float32, 3)])
+@pytest.mark.parametrize(
+    ("dtype", "channels", "largest"),
+    [(np.uint8, 3, LARGEST_STEP), (np.uint16, 1, LARGEST_STEP), (np.float32, 3, LARGEST_STEP), (np.float32, 3, 2.0)],
+)
 @pytest.mark.parametrize("kind", KINDS[1:], ids=INTERPOLATIONS[1:])
-def test_footprints_against_the_twin(kind: int, dtype: Any, channels: int, place: str) -> None:
+def test_footprints_against_the_twin(kind: int, dtype: Any, channels: int, largest: float, place: str) -> None:
     projection, steps, first = FOOTPRINTS[place]
     image = random_picture(dtype, channels, *projection.size)
     picture = ready(image, projection)
+    picture = picture if largest == LARGEST_STEP else picture.averaged_beyond(largest)
     rows, columns = 7, 9
     v, u = np.mgrid[-1 : rows + 1, -1 : columns + 1].astype(float)
     near = np.stack([u, v], -1) @ steps + first + BORDER
