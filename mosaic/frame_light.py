@@ -1,0 +1,113 @@
+"""A frame's pixels ready to be sampled, and how they become the scene's light."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import OrderedDict
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fullsphere.model.camera import Camera
+from fullsphere.model.colour import linear_from_encoded
+from fullsphere.model.source_picture import Samples, SourcePicture, source_picture
+from fullsphere.mosaic.masks import used
+from fullsphere.mosaic.project import Frame, Mosaic, Picture
+
+_RESOLVED_PX = 2.0  # lenses and colour sensors resolve half of what their pixels could: less needs no average
+_CELLS = 512  # of the table of gains
+
+
+class FrameLight(NamedTuple):
+    """A frame's codes as the sampler reads them, and the light (n,) that each code stands for; none if they are light.
+
+    `channels` are three, or four with the last one telling which pixels count.
+    """
+
+    picture: SourcePicture
+    light_of_code: NDArray[np.float32]
+
+    @property
+    def channels(self) -> int:
+        """Of what is sampled."""
+        return self.picture.samples.channels
+
+
+class Gain(NamedTuple):
+    """What takes recorded light to the scene's: factors (3,) of the channels, and a table (n,) over cos(theta)."""
+
+    factors: NDArray[np.float32]
+    over_z: NDArray[np.float32]
+    z_min: float
+
+
+def gain_of(mosaic: Mosaic, frame: Frame) -> Gain:
+    """The inverse of a frame's exposure and of its camera's vignetting (see `photometry`)."""
+    half = mosaic.cameras[frame.camera].half_fov
+    z_min = math.cos(half)
+    s = (np.arccos(np.linspace(z_min, 1, _CELLS + 1)) / half) ** 2
+    w1, w2 = mosaic.vignetting_ev
+    factor = np.full(3, 2.0**-frame.exposure_ev, np.float32)
+    return Gain(factor, np.exp2(-(w1 * s + w2 * s**2)).astype(np.float32), z_min)
+
+
+def codes_of(frame: Frame) -> Picture:
+    """The frame's pixels (h, w, 3), or (h, w, 4) where a mask or its own alpha says what counts."""
+    picture = used(frame)
+    if picture.shape[2] >= 3:
+        return picture
+    colour = np.repeat(picture[..., :1], 3, axis=2)
+    return colour if picture.shape[2] == 1 else np.concatenate([colour, picture[..., 1:]], axis=2)
+
+
+def light_of_code(dtype: np.dtype[Any]) -> NDArray[np.float32]:
+    """Linear light (n,) of each code of an integer type; empty for floating-point samples, which are light."""
+    if dtype.kind == "f":
+        return np.empty(0, np.float32)
+    return linear_from_encoded(np.arange(np.iinfo(dtype).max + 1, dtype=dtype)[:, None])[:, 0]
+
+
+class FrameLights:
+    """The frames of a mosaic as the sampler reads them, the latest used kept in memory; safe to ask from many threads.
+
+    Parameters
+    ----------
+    cameras
+        Those of the mosaic.
+    kept_bytes
+        Memory for them; a frame that does not fit any more is opened again when it is needed.
+    """
+
+    def __init__(self, cameras: Sequence[Camera], kept_bytes: int) -> None:
+        self._cameras, self._room = cameras, kept_bytes
+        self._kept: OrderedDict[str, FrameLight] = OrderedDict()
+        self._lock = threading.Lock()
+        self._loading: dict[str, threading.Lock] = {}
+
+    def of(self, frame: Frame) -> FrameLight:
+        """The frame's light, opened once for all the threads that wait for it."""
+        with self._lock:
+            loading = self._loading.setdefault(frame.id, threading.Lock())
+        with loading:
+            with self._lock:
+                if frame.id in self._kept:
+                    self._kept.move_to_end(frame.id)
+                    return self._kept[frame.id]
+            light = self._open(frame)
+            with self._lock:
+                self._kept[frame.id] = light
+                while len(self._kept) > 1 and self._bytes() > self._room:
+                    self._kept.popitem(last=False)
+            return light
+
+    def _bytes(self) -> int:
+        return sum(light.picture.bordered.nbytes for light in self._kept.values())
+
+    def _open(self, frame: Frame) -> FrameLight:
+        codes = codes_of(frame)
+        samples = Samples(codes.dtype, codes.shape[2], linear_light=False)
+        ready = source_picture([(0, codes)], self._cameras[frame.camera], samples)
+        return FrameLight(ready.averaged_beyond(_RESOLVED_PX), light_of_code(codes.dtype))

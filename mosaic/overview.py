@@ -1,0 +1,140 @@
+"""Every frame on the working sphere: a small equirectangular picture on which seams and brightness are decided."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from concurrent.futures import Executor
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fullsphere.model.camera import Camera
+from fullsphere.model.lens import FloatArray
+from fullsphere.model.positions import Geometry
+from fullsphere.model.surface import Equirectangular
+from fullsphere.model.workers import ordered_map
+from fullsphere.mosaic.frame_light import Gain, codes_of, gain_of, light_of_code
+from fullsphere.mosaic.overview_kernels import reduced_light
+from fullsphere.mosaic.project import Frame, Mosaic
+
+RIM = math.radians(0.7)
+"""The last of a field of view, which is dark and soft in every lens: nothing is taken from there."""
+
+_LARGEST, _SMALLEST = 1024, 256  # width of the working sphere
+_BYTES = 1 << 28  # that the overviews of all frames may take
+_WHITE = 0.985  # of the largest code: brighter pixels are clipped
+_FAR = 0.3  # radians from rim and border at which a frame is worth half of what it is far from them
+_CLIPPED_WORTH = 0.1
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Overview:
+    """One frame on the working sphere.
+
+    Attributes
+    ----------
+    light
+        (H, W, 3) linear light of the scene: exposure, white balance and vignetting taken out; 0 where not seen.
+    quality
+        (H, W) 0 where the frame sees nothing that counts, else in (0, 1]: more where it resolves finely, far from its
+        rim and borders, and nothing is clipped.
+    """
+
+    light: NDArray[np.float32]
+    quality: NDArray[np.float32]
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(H, W)."""
+        return self.quality > 0
+
+
+class _Reduced(NamedTuple):
+    light: NDArray[np.float32]  # of the pixels that count, times their share
+    seen: NDArray[np.float32]
+    clipped: NDArray[np.float32]
+    factor: int
+
+
+def working_sphere(frames: int) -> Equirectangular:
+    """The working sphere of so many frames: smaller for many, so that memory is bounded."""
+    width = _LARGEST
+    while width > _SMALLEST and frames * width * width // 2 * 16 > _BYTES:
+        width //= 2
+    return Equirectangular((width, width // 2))
+
+
+def overviews(mosaic: Mosaic, sphere: Equirectangular, executor: Executor | None = None) -> list[Overview]:
+    """The registered frames of a mosaic on the working sphere, each opened once, side by side on `executor`."""
+    finest = max(float(_density(camera, np.linspace(0, camera.half_fov, 200)).max()) for camera in mosaic.cameras)
+
+    def made(frame: Frame) -> Overview:
+        return overview_of(frame, mosaic.cameras[frame.camera], gain_of(mosaic, frame), sphere, finest)
+
+    return list(ordered_map(executor, made, mosaic.registered, ahead=4))
+
+
+def overview_of(frame: Frame, camera: Camera, gain: Gain, sphere: Equirectangular, finest: float) -> Overview:
+    """One registered frame on the working sphere; `finest` is the most pixels per radian that any frame has."""
+    assert frame.camera_from_world is not None
+    width, height = sphere.size
+    light, quality = np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32)
+    found = Geometry(camera, sphere, frame.camera_from_world, 0).positions(slice(0, height), slice(0, width))
+    if found is None:
+        return Overview(light, quality)
+    z = sphere.window_rays(slice(0, width), slice(0, height)) @ frame.camera_from_world[2]
+    rim = camera.half_fov - RIM
+    inside = np.isfinite(found.u) & (z > math.cos(rim))
+    reduced = _reduced(frame, camera, rim, sphere)
+    to_reduced = [
+        (np.where(inside, at, 0).astype(np.float32) + 0.5) / reduced.factor - 0.5 for at in (found.u, found.v)
+    ]
+    map_u, map_v = (np.asarray(at, np.float32) for at in to_reduced)
+    layers = np.dstack([reduced.light, reduced.seen])
+    values = cv2.remap(layers, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    clipped = cv2.remap(reduced.clipped, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    inside &= values[..., 3] > 0.5
+    z_cells = (np.clip(z, gain.z_min, 1) - gain.z_min) / (1 - gain.z_min) * (len(gain.over_z) - 1)
+    taken_out = np.interp(z_cells, np.arange(len(gain.over_z)), gain.over_z).astype(np.float32)
+    share = np.maximum(values[..., 3:], np.float32(0.5))
+    light[inside] = (values[..., :3] / share * gain.factors * taken_out[..., None])[inside]
+    worth = _worth(camera, np.arccos(np.clip(z, -1, 1)), found.u, found.v, rim, finest)
+    worth = worth * (1 - (1 - _CLIPPED_WORTH) * clipped)
+    quality[inside] = np.clip(worth, 1e-3, 1)[inside]
+    return Overview(light, quality)
+
+
+def _worth(
+    camera: Camera, theta: FloatArray, u: NDArray[np.floating], v: NDArray[np.floating], rim: float, finest: float
+) -> FloatArray:
+    """How good a frame is at pixels seen at theta (h, w): by how finely it resolves, and how far in they are."""
+    scale = _density(camera, np.minimum(theta, rim))
+    (width, height) = camera.size
+    border = np.minimum(np.minimum(u, width - 1 - u), np.minimum(v, height - 1 - v)) / scale
+    inwards = np.maximum(np.minimum(rim - theta, np.nan_to_num(border)), 0)
+    return np.asarray(scale / finest * inwards / (inwards + _FAR))
+
+
+def _density(camera: Camera, theta: FloatArray) -> FloatArray:
+    """Pixels per radian at theta: the root of those per solid angle, r r'/sin(theta)."""
+    safe = np.maximum(theta, 1e-6)
+    return np.sqrt(np.maximum(camera.lens.radius(safe) * camera.lens.slope(safe) / np.sin(safe), 0) * camera.aspect)
+
+
+def _reduced(frame: Frame, camera: Camera, rim: float, sphere: Equirectangular) -> _Reduced:
+    """The frame's light made so small that a pixel is about one of the working sphere's."""
+    codes = codes_of(frame)
+    per_radian = sphere.size[0] / (2 * math.pi)
+    factor = max(1, int(float(_density(camera, np.array([rim / 2]))[0]) / per_radian))
+    height, width = codes.shape[0] // factor, codes.shape[1] // factor
+    light, seen = np.empty((height, width, 3), np.float32), np.empty((height, width), np.float32)
+    clipped = np.empty_like(seen)
+    white = math.inf if codes.dtype.kind == "f" else _WHITE * np.iinfo(codes.dtype).max
+    radius = float(camera.lens.radius(rim))
+    disc = np.array([*camera.centre, camera.aspect, radius * radius])
+    reduced_light(codes, light_of_code(codes.dtype), white, disc, factor, light, seen, clipped)
+    light *= seen[..., None]
+    return _Reduced(light, seen, clipped, factor)
