@@ -2,9 +2,11 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from turning import frames_of, orientation, ring, srgb8
 
 from fullsphere.model.camera import Camera
@@ -101,7 +103,7 @@ def test_many_frames_have_a_smaller_sphere_and_threads_change_nothing() -> None:
 def test_the_kernel_against_its_twin(dtype: type) -> None:
     rng = np.random.default_rng(3)
     whole = np.iinfo(dtype).max if dtype != np.float32 else 1
-    codes = (rng.random((13, 17, 4)) * whole).astype(dtype)
+    codes: NDArray[Any] = (rng.random((13, 17, 4)) * whole).astype(dtype)
     codes[..., 3] = rng.random((13, 17)) > 0.3
     table = rng.random(whole + 1).astype(np.float32) if dtype != np.float32 else np.empty(0, np.float32)
     light, seen, clipped = np.empty((4, 5, 3), np.float32), np.empty((4, 5), np.float32), np.empty((4, 5), np.float32)
@@ -116,5 +118,5 @@ def test_the_kernel_against_its_twin(dtype: type) -> None:
         assert seen[j, i] == pytest.approx(counts[cell].mean())
         if counts[cell].any():
             np.testing.assert_allclose(light[j, i], values[cell][counts[cell]].mean(0), rtol=1e-5)
-            bright = (codes[cell][..., :3] >= 0.9 * whole).any(-1)[counts[cell]]
+            bright = np.array((codes[cell][..., :3] >= 0.9 * whole).any(-1))[counts[cell]]
             assert clipped[j, i] == pytest.approx(bright.mean())
