@@ -128,9 +128,10 @@ def _blended_tile(
         if sampled.shape[-1] == 4:
             weight = weight * (sampled[..., 3] > 0.999)
         s = (theta / camera.half_fov) ** 2
-        w1, w2 = mosaic.vignetting_ev
+        w1, w2 = mosaic.vignetting_of(frame.camera)
         gain = np.exp2(-(frame.exposure_ev + w1 * s + w2 * s**2), dtype=np.float32)
-        blender.feed(np.maximum(colour, 0) * gain[..., None], weight.astype(np.float32))
+        tint = np.array(frame.white_balance, np.float32)
+        blender.feed(np.maximum(colour, 0) * (gain[..., None] / tint), weight.astype(np.float32))
     return blender.blended()
 
 

@@ -45,12 +45,12 @@ class Gain(NamedTuple):
 
 
 def gain_of(mosaic: Mosaic, frame: Frame) -> Gain:
-    """The inverse of a frame's exposure and of its camera's vignetting (see `photometry`)."""
+    """The inverse of a frame's exposure and white balance, and of its camera's vignetting (see `photometry`)."""
     half = mosaic.cameras[frame.camera].half_fov
     z_min = math.cos(half)
     s = (np.arccos(np.linspace(z_min, 1, _CELLS + 1)) / half) ** 2
-    w1, w2 = mosaic.vignetting_ev
-    factor = np.full(3, 2.0**-frame.exposure_ev, np.float32)
+    w1, w2 = mosaic.vignetting_of(frame.camera)
+    factor = (2.0**-frame.exposure_ev / np.array(frame.white_balance)).astype(np.float32)
     return Gain(factor, np.exp2(-(w1 * s + w2 * s**2)).astype(np.float32), z_min)
 
 

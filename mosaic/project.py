@@ -41,6 +41,8 @@ class Frame:
         errors of all frames are zero on average.
     exposure_ev
         How much brighter this frame recorded the scene than the reference, in powers of two.
+    white_balance
+        Beside that, how much stronger it recorded red, green and blue: factors, that of green 1.
     camera
         Index of the camera that took it, among the mosaic's.
     shot
@@ -70,6 +72,7 @@ class Frame:
     camera_from_world: FloatArray | None = None
     sigma_deg: float | None = None
     exposure_ev: float = 0.0
+    white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
     camera: int = 0
     shot: str = ""
     crop_px: tuple[int, int, int, int] | None = None
@@ -126,7 +129,7 @@ class Mosaic:
     links
         Between registered frames, by index into `frames`.
     vignetting_ev
-        (w1, w2): the lens passes 2^(w1 s + w2 s^2) of the light, s = (theta/half_fov)^2.
+        (w1, w2) of each camera: its lens passes 2^(w1 s + w2 s^2) of the light, s = (theta/half_fov)^2; empty for none.
     level
         How up was found: "camera-x-axes" or "none".
     self_calibrated
@@ -144,7 +147,7 @@ class Mosaic:
     cameras: tuple[Camera, ...]
     frames: tuple[Frame, ...]
     links: tuple[Link, ...]
-    vignetting_ev: tuple[float, float] = (0.0, 0.0)
+    vignetting_ev: tuple[tuple[float, float], ...] = ()
     level: str = "none"
     self_calibrated: bool = False
     quality: dict[str, float] = dataclasses.field(default_factory=dict)
@@ -156,6 +159,10 @@ class Mosaic:
     def camera(self) -> Camera:
         """The camera that took every frame, where there is one."""
         return self.cameras[0]
+
+    def vignetting_of(self, camera: int) -> tuple[float, float]:
+        """(w1, w2) of the camera with this index; see `vignetting_ev`."""
+        return self.vignetting_ev[camera] if self.vignetting_ev else (0.0, 0.0)
 
     @property
     def registered(self) -> tuple[Frame, ...]:

@@ -69,7 +69,7 @@ class Project:
     recorded
         Whether the camera of each frame is the one that `write_pto` left in a comment.
     vignetting_ev
-        As in `Mosaic`.
+        Of each camera, as in `Mosaic`.
     missing
         Paths of pictures that are not there.
     notes
@@ -82,7 +82,7 @@ class Project:
     points: ControlPoints = dataclasses.field(repr=False)
     lenses: tuple[PanoToolsLens, ...] = dataclasses.field(repr=False)
     recorded: tuple[bool, ...] = dataclasses.field(repr=False)
-    vignetting_ev: tuple[float, float] = (0.0, 0.0)
+    vignetting_ev: tuple[tuple[float, float], ...] = ()
     missing: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 

@@ -34,16 +34,17 @@ _ANGLE, _EV, _LIGHT = 1e4, 64.0, 1e6
 _SAME_PX = 1e-3
 _SAME_VIGNETTING_EV = 0.05
 _NEAR_EV = 1.0
+_MOST_TINT = 100.0
 
 
 class PtoImages(NamedTuple):
-    """Frames, the lens of each and whether its camera was recorded, cameras, vignetting in EV, and what was left."""
+    """Frames, the lens of each and whether its camera was recorded, cameras, their vignetting, and what was left."""
 
     frames: list[Frame]
     lenses: list[PanoToolsLens]
     recorded: list[bool]
     cameras: list[FittedCamera]
-    vignetting_ev: tuple[float, float]
+    vignetting_ev: tuple[tuple[float, float], ...]
     notes: list[str]
 
 
@@ -86,7 +87,7 @@ def read_images(every: Sequence[PtoLine], path: Path) -> PtoImages:
         for line, file, key, (name, shot) in zip(lines, files, keys, _names(files, records), strict=True)
     ]
     frames, mask_notes = masked(frames, [line for line in every if line.kind == "k"], [lenses.index(x) for x in lenses])
-    vignetting, notes = _vignetting(lines, lenses, [parts[key].fitted for key in keys])
+    vignetting, notes = _vignetting(lines, lenses, [list(parts).index(key) for key in keys], list(parts.values()))
     notes = [note for line in lines for note in _left_behind(line)] + mask_notes + notes
     return PtoImages(
         frames,
@@ -183,10 +184,18 @@ def _frame(line: PtoLine, file: Path, part: _Part, reference: float) -> Frame:
         size=part.fitted.camera.size,
         load=loader(file, part.crop),
         sha256=sha256_of(file) if file.is_file() else "",
+        white_balance=(_factor(line, "Er"), 1.0, _factor(line, "Eb")),
         exposure_ev=reference - line.number("Eev", 0.0, _EV) + 0.0,
         crop_px=part.crop,
         prior=np.asarray(Rotation.from_euler("YXZ", angles, degrees=True).inv().as_matrix()),
     )
+
+
+def _factor(line: PtoLine, key: str) -> float:
+    value = line.number(key, 1.0, _MOST_TINT)
+    if value < 1 / _MOST_TINT:
+        raise InputError(f"{line.where}: {key}{value:g} is no white balance; 1 is neutral")
+    return value
 
 
 def _reference_ev(lines: Sequence[PtoLine], panorama: PtoLine | None) -> float:
@@ -199,18 +208,23 @@ def _reference_ev(lines: Sequence[PtoLine], panorama: PtoLine | None) -> float:
 
 
 def _vignetting(
-    lines: Sequence[PtoLine], lenses: Sequence[PanoToolsLens], cameras: Sequence[FittedCamera]
-) -> tuple[tuple[float, float], list[str]]:
-    """The mean over the pictures: a mosaic's cameras share it."""
+    lines: Sequence[PtoLine], lenses: Sequence[PanoToolsLens], cameras: Sequence[int], parts: Sequence[_Part]
+) -> tuple[tuple[tuple[float, float], ...], list[str]]:
+    """The mean over the pictures of each camera, and what is to be said of it."""
     found = np.array(
         [
-            vignetting_of(_light(line), lens, fitted.camera.half_fov)
-            for line, lens, fitted in zip(lines, lenses, cameras, strict=True)
+            vignetting_of(_light(line), lens, parts[camera].fitted.camera.half_fov)
+            for line, lens, camera in zip(lines, lenses, cameras, strict=True)
         ]
     )
-    w1, w2 = found.mean(0).tolist()
-    differ = np.abs(found.sum(1) - found.sum(1).mean()).max() > _SAME_VIGNETTING_EV
-    return (w1, w2), ["the lenses darken differently towards their rims; the mean of them is taken"] if differ else []
+    pairs, notes = [], []
+    for k in range(len(parts)):
+        own = found[np.array(cameras) == k]
+        w1, w2 = own.mean(0).tolist()
+        pairs.append((w1, w2))
+        if np.abs(own.sum(1) - own.sum(1).mean()).max() > _SAME_VIGNETTING_EV:
+            notes.append("pictures of one lens darken differently towards their rims; the mean of them is taken")
+    return tuple(pairs), notes
 
 
 def _light(line: PtoLine) -> tuple[float, float, float, float]:
@@ -223,8 +237,6 @@ def _left_behind(line: PtoLine) -> list[str]:
     notes = []
     if any(line.number(key, 0.0) for key in ("TrX", "TrY", "TrZ")):
         notes.append(f"{line.where}: the camera moved (TrX, TrY, TrZ); taken as if it only turned")
-    if line.number("Er", 1.0) != 1 or line.number("Eb", 1.0) != 1:
-        notes.append(f"{line.where}: its white balance (Er, Eb) is not taken over")
     return notes
 
 

@@ -162,10 +162,23 @@ def _images(pictures: Sequence[_Picture], mosaic: Mosaic, folder: Path) -> Itera
             "shot": frame.shot,
         }
         yield RECORD + json.dumps(record, sort_keys=True)
-        vb, vc, vd = coefficients_of(mosaic.vignetting_ev, picture.camera, lens)
-        values = {"v": lens.hfov_deg, **_SRGB, "Eev": -frame.exposure_ev}
+        vb, vc, vd = coefficients_of(mosaic.vignetting_of(frame.camera), picture.camera, lens)
+        red, green, blue = frame.white_balance
+        red, blue, exposure_ev = red / green, blue / green, frame.exposure_ev + math.log2(green)
+        values = {"v": lens.hfov_deg, **_SRGB, "Eev": -exposure_ev}
         yaw, pitch, roll = (round(angle, _DECIMALS) for angle in yaw_pitch_roll_deg(picture.camera_from_world))
-        values |= {"Er": 1, "Eb": 1, "r": roll, "p": pitch, "y": yaw, "TrX": 0, "TrY": 0, "TrZ": 0, "Tpy": 0, "Tpp": 0}
+        values |= {
+            "Er": red,
+            "Eb": blue,
+            "r": roll,
+            "p": pitch,
+            "y": yaw,
+            "TrX": 0,
+            "TrY": 0,
+            "TrZ": 0,
+            "Tpy": 0,
+            "Tpp": 0,
+        }
         values |= {"j": 0, "a": lens.a, "b": lens.b, "c": lens.c, "d": lens.d, "e": lens.e, "g": 0, "t": 0}
         values |= {"Va": 1, "Vb": vb, "Vc": vc, "Vd": vd, "Vx": lens.d, "Vy": lens.e}
         owner = first_of.setdefault((picture.fitted, picture.crop), k)

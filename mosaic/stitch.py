@@ -30,4 +30,4 @@ def solve(
     evened = tuple(
         dataclasses.replace(frame, exposure_ev=next(exposure)) if frame.registered else frame for frame in mosaic.frames
     )
-    return dataclasses.replace(mosaic, frames=evened, vignetting_ev=photometry.vignetting_ev)
+    return dataclasses.replace(mosaic, frames=evened, vignetting_ev=(photometry.vignetting_ev,) * len(mosaic.cameras))

@@ -121,11 +121,11 @@ def _camera(mosaic: Mosaic, k: int) -> dict[str, Any]:
     record: dict[str, Any] | None = None
     if mosaic.camera_covariances:
         record = {"covariance": {"of": list(camera.parameter_names), "values": mosaic.camera_covariances[k]}}
-    value = {**camera_to_dict(camera, record), "vignetting": list(mosaic.vignetting_ev)}
+    value = {**camera_to_dict(camera, record), "vignetting": list(mosaic.vignetting_of(k))}
     return {**value, "camera_from_rig": mosaic.camera_from_rig[k]} if mosaic.camera_from_rig else value
 
 
-def _vignetting(stored: list[Any], places: list[str]) -> tuple[float, float]:
+def _vignetting(stored: list[Any], places: list[str]) -> tuple[tuple[float, float], ...]:
     found = []
     for value, place in zip(stored, places, strict=True):
         demand_keys(value, place, ["vignetting"], value)
@@ -133,9 +133,7 @@ def _vignetting(stored: list[Any], places: list[str]) -> tuple[float, float]:
         if max(abs(w1), abs(w2)) > _MAX_EV:
             raise InputError(f"{place}: vignetting is not between -{_MAX_EV:g} and {_MAX_EV:g} EV")
         found.append((w1, w2))
-        if found[0] != (w1, w2):
-            raise InputError(f"{place}: vignetting differs from that of cameras[0]; all cameras of a mosaic share it")
-    return found[0]
+    return tuple(found)
 
 
 def _mounts(stored: list[Any], places: list[str]) -> tuple[FloatArray, ...]:

@@ -26,8 +26,8 @@ _COMMON = (
     "exposure_ev", "white_balance", "status",
 )  # fmt: skip
 _ANGLES = ("yaw_deg", "pitch_deg", "roll_deg")
-_WHITE_BALANCE = [1.0, 1.0, 1.0]  # frames of one camera, developed alike: the file has a place for more
 _MAX_EV = 64.0
+_MAX_WHITE_BALANCE = 100.0
 _ORTHONORMAL = 1e-6  # a rotation computed in single precision is off by a tenth of it
 _SAME_ROTATION = 1e-6  # radians, 0.00006 degrees: how far angles and a matrix may be apart that mean one rotation
 
@@ -117,7 +117,7 @@ def _frame(frame: Frame, folder: Path) -> dict[str, Any]:
         "quarter_turns": frame.quarter_turns,
         "mask": relative_path(frame.mask_image, folder) if frame.mask_image else None,
         "exposure_ev": frame.exposure_ev,
-        "white_balance": _WHITE_BALANCE,
+        "white_balance": list(frame.white_balance),
     }
     if frame.camera_from_world is None or frame.reason:
         return {**common, "status": "left-out", "reason": frame.reason}
@@ -144,8 +144,6 @@ def _read(data: dict[str, Any], cameras: Sequence[Camera], where: str, folder: P
     if registered and size != cameras[camera].size:
         across, down = cameras[camera].size
         raise InputError(f"{where}: size_px is {size[0]} x {size[1]}, that of its camera {across} x {down}")
-    if numbers_of(data, "white_balance", where, 3) != _WHITE_BALANCE:
-        raise InputError(f"{where}: white_balance is not [1, 1, 1], all that this version knows")
     image, crop = _path(data, "image", where, folder), _crop(data, where)
     mask = None if data["mask"] is None else _path(data, "mask", where, folder)
     turned = whole_of(data, "turned", where, 0, 3)
@@ -161,6 +159,7 @@ def _read(data: dict[str, Any], cameras: Sequence[Camera], where: str, folder: P
         camera_from_world=_rotation(data, where) if registered else None,
         sigma_deg=number_of(data, "sigma_deg", where, 0) if registered and data["sigma_deg"] is not None else None,
         exposure_ev=number_of(data, "exposure_ev", where, -_MAX_EV, _MAX_EV),
+        white_balance=_white_balance(data, where),
         camera=camera,
         shot="" if shot == name else shot,
         crop_px=crop,
@@ -187,6 +186,14 @@ def _rotation(data: dict[str, Any], where: str) -> FloatArray:
     matrix = rotation_of(data, "camera_from_world", where)
     same = np.linalg.norm(matrix - by_angles) <= np.sqrt(2) * _SAME_ROTATION
     return matrix if same else by_angles
+
+
+def _white_balance(data: dict[str, Any], where: str) -> tuple[float, float, float]:
+    red, green, blue = numbers_of(data, "white_balance", where, 3)
+    if not all(1 / _MAX_WHITE_BALANCE <= factor <= _MAX_WHITE_BALANCE for factor in (red, green, blue)):
+        least, most = 1 / _MAX_WHITE_BALANCE, _MAX_WHITE_BALANCE
+        raise InputError(f"{where}: white_balance is not three factors between {least:g} and {most:g}; 1 is neutral")
+    return red, green, blue
 
 
 def _size(data: dict[str, Any], where: str, registered: bool) -> tuple[int, int]:

@@ -138,7 +138,7 @@ def test_exposure_and_vignetting_are_taken_out() -> None:
         dataclasses.replace(frame, exposure_ev=ev)
         for frame, ev in zip(frames_of(smooth_light, CAMERA, ROTATIONS, record), exposures, strict=True)
     ]
-    result = whole(dataclasses.replace(mosaic_of(frames), vignetting_ev=(w1, w2)))
+    result = whole(dataclasses.replace(mosaic_of(frames), vignetting_ev=((w1, w2),)))
     np.testing.assert_allclose(result[..., :3], TRUTH, atol=3e-3)
 
 

@@ -53,7 +53,7 @@ def test_exposure_and_vignetting_are_taken_out() -> None:
         dataclasses.replace(frame, exposure_ev=0.7 * k)
         for k, frame in enumerate(frames_of(smooth_light, CAMERA, ring(2), record))
     ]
-    for overview in overviews(Mosaic((CAMERA,), tuple(frames), (), vignetting_ev=(-0.5, -0.2)), SPHERE):
+    for overview in overviews(Mosaic((CAMERA,), tuple(frames), (), vignetting_ev=((-0.5, -0.2),)), SPHERE):
         np.testing.assert_allclose(overview.light[overview.seen], TRUTH[overview.seen], atol=0.02)
 
 

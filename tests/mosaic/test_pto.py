@@ -175,13 +175,14 @@ def mosaic_of(camera: Camera, folder: Path, count: int = 3, crop: Any = None, tu
             lambda: np.empty(0),
             camera_from_world=rotation,
             exposure_ev=0.25 * k - 0.3,
+            white_balance=(1 + 0.125 * k, 1.0, 1 - 0.25 * k),
             crop_px=crop,
             turned=turned,
         )
         for k, rotation in enumerate(rotations)
     )
     links = matched(camera, rotations, count=40, noise_px=0.3)
-    return Mosaic((camera,), frames, tuple(links), vignetting_ev=(-0.3, -0.1))
+    return Mosaic((camera,), frames, tuple(links), vignetting_ev=((-0.3, -0.1),))
 
 
 @has_hugin
@@ -230,11 +231,12 @@ def test_what_was_written_is_read_back(tmp_path: Path, camera: Camera, crop: boo
     back = read.as_mosaic()
     assert back.cameras[0].lens == camera.lens
     assert (back.cameras[0].centre, back.cameras[0].size) == (camera.centre, camera.size)
-    assert back.vignetting_ev == pytest.approx(mosaic.vignetting_ev, abs=0.005)
+    assert back.vignetting_ev[0] == pytest.approx(mosaic.vignetting_ev[0], abs=0.005)
     for frame, written in zip(back.frames, mosaic.frames, strict=True):
         assert (frame.id, frame.image, frame.size) == (written.id, written.image, written.size)
         assert (frame.crop_px, frame.shot) == (written.crop_px, written.shot)
         assert frame.exposure_ev == pytest.approx(written.exposure_ev)
+        assert frame.white_balance == written.white_balance
         assert turn_between(frame.camera_from_world, written.camera_from_world) < 1e-11  # type: ignore[arg-type]
     for link, found in zip(back.links, mosaic.links, strict=True):
         assert (link.i, link.j) == (found.i, found.j)
@@ -302,25 +304,26 @@ def test_hugin_goes_on_from_what_was_written(tmp_path: Path) -> None:
 
 
 @has_hugin
-def test_hugin_evens_out_exposure_and_vignetting_as_we_do(tmp_path: Path) -> None:
+def test_hugin_evens_out_exposure_white_balance_and_vignetting_as_we_do(tmp_path: Path) -> None:
     camera, (w1, w2) = Camera(Equidistant(120), (400, 400), (199.5, 199.5), half_fov=1.6), (-0.4, -0.3)
     v, u = np.mgrid[:400, :400]
     s = (np.hypot(u - 199.5, v - 199.5) / 120 / 1.6) ** 2
     frames = []
     for k, exposure_ev in enumerate((-0.5, 0.5)):
         light = np.where(s < 1, 0.3 * 2.0 ** (exposure_ev + w1 * s + w2 * s * s), 0)
+        tint = (1.3 - k / 2, 1.0, 0.7 + k)
         name = tmp_path / f"{k}.png"
-        cv2.imwrite(str(name), np.dstack([srgb8(light)] * 3))
-        frame = Frame(f"{k}", str(name), (400, 400), lambda: np.empty(0), exposure_ev=exposure_ev)
+        cv2.imwrite(str(name), np.dstack([srgb8(light * factor) for factor in tint[::-1]]))
+        frame = Frame(f"{k}", str(name), (400, 400), lambda: np.empty(0), exposure_ev=exposure_ev, white_balance=tint)
         frames.append(dataclasses.replace(frame, camera_from_world=np.eye(3)))
-    write_pto(tmp_path / "a.pto", Mosaic((camera,), tuple(frames), (), vignetting_ev=(w1, w2)))
+    write_pto(tmp_path / "a.pto", Mosaic((camera,), tuple(frames), (), vignetting_ev=((w1, w2),)))
     subprocess.run(["nona", "-r", "ldr", "-o", tmp_path / "n", tmp_path / "a.pto"], check=True, capture_output=True)
     for path in sorted(tmp_path.glob("n*.tif")):
         picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         assert picture is not None
-        codes = picture[..., 0][picture[..., 3] == 255] / 255
+        codes = picture[..., :3][picture[..., 3] == 255] / 255
         light = np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
-        assert np.abs(np.log2(np.percentile(light, [2, 50, 98]) / 0.3)).max() < 0.15
+        assert np.abs(np.log2(np.percentile(light, [2, 50, 98], axis=0) / 0.3)).max() < 0.15
 
 
 def test_many_matches_are_thinned(tmp_path: Path) -> None:
@@ -456,9 +459,14 @@ def test_exposures_count_from_that_of_the_panorama_if_it_was_set(
 
 
 def test_what_was_not_taken_over_is_said(tmp_path: Path) -> None:
-    read = read_pto(project(tmp_path, image_line(PanoToolsLens(SIZE, 3, 190), "TrX0.1 Er1.1 Eb0.9")))
+    read = read_pto(project(tmp_path, image_line(PanoToolsLens(SIZE, 3, 190), "TrX0.1")))
     assert any("line 3: the camera moved" in note for note in read.notes)
-    assert any("line 3: its white balance" in note for note in read.notes)
+
+
+@pytest.mark.parametrize("told", ["Er0", "Eb-1", "Er1e9"])
+def test_white_balances_that_are_none_are_refused(tmp_path: Path, told: str) -> None:
+    with pytest.raises(InputError, match=rf"line 3: {told[:2]}"):
+        read_pto(project(tmp_path, image_line(PanoToolsLens(SIZE, 3, 190), told)))
 
 
 def test_links_hold_only_what_the_cameras_see(tmp_path: Path) -> None:
