@@ -18,7 +18,7 @@ from fullsphere.model.image_library import opened
 from fullsphere.model.panorama_file import check_panorama, open_panorama
 from fullsphere.model.panorama_writers import PanoramaWriter
 from fullsphere.model.picture_file import PictureFile, open_picture
-from fullsphere.model.picture_metadata import Attributes, carried, gpano
+from fullsphere.model.picture_metadata import Attributes, carried, gpano, noted_ev
 from fullsphere.model.resources import require_memory
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "encoded_from_linear",
     "gpano",
     "linear_from_encoded",
+    "noted_ev",
     "open_panorama",
     "open_picture",
     "picture_size",

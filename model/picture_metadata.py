@@ -108,6 +108,17 @@ def carried(
     return attributes, icc_profile if fits else None
 
 
+def noted_ev(metadata: Attributes) -> float | None:
+    """How bright the exposure made a picture, log2(time ISO / 100 / f-number^2), by what the camera noted.
+
+    None where it did not note all three.
+    """
+    time, aperture, speed = (metadata.get(name) for name in ("ExposureTime", "FNumber", "Exif:PhotographicSensitivity"))
+    if not (isinstance(time, int | float) and isinstance(aperture, int | float) and isinstance(speed, int | float)):
+        return None
+    return math.log2(time * speed / 100 / aperture**2) if min(time, aperture, speed) > 0 else None
+
+
 def sound(name: str, value: object) -> Value | None:
     """A capture attribute as a file holds it, which is untrusted; None if it is not what its name says.
 

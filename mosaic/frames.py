@@ -10,7 +10,7 @@ from typing import Any
 
 from fullsphere.model.errors import InputError
 from fullsphere.model.files import sha256_of
-from fullsphere.model.images import read_picture
+from fullsphere.model.images import noted_ev, read_picture
 from fullsphere.model.pose_metadata import told_pose
 from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.common_cut import cut_alike
@@ -138,7 +138,8 @@ def _read(named: tuple[str, Path]) -> Frame:
         return Frame(name, str(path), (0, 0), _nothing, reason=reason)
     height, width = picture.pixels.shape[:2]
     turns = quarter_turns(picture.orientation)
-    frame = Frame(name, str(path), (width, height), loader(path), sha256, quarter_turns=turns)
+    exposure = noted_ev(picture.metadata)
+    frame = Frame(name, str(path), (width, height), loader(path), sha256, told_ev=exposure, quarter_turns=turns)
     return with_prior(frame, told, turns)
 
 

@@ -41,6 +41,8 @@ class Frame:
         errors of all frames are zero on average.
     exposure_ev
         How much brighter this frame recorded the scene than the reference, in powers of two.
+    told_ev
+        Exposure by what the camera noted of it, in EV from any one value; None if it did not.
     white_balance
         Beside that, how much stronger it recorded red, green and blue: factors, that of green 1.
     camera
@@ -72,6 +74,7 @@ class Frame:
     camera_from_world: FloatArray | None = None
     sigma_deg: float | None = None
     exposure_ev: float = 0.0
+    told_ev: float | None = None
     white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
     camera: int = 0
     shot: str = ""

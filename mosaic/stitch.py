@@ -23,11 +23,17 @@ def solve(
     options: Options = DEFAULT,
     covariances: Sequence[FloatArray | None] = (),
 ) -> Mosaic:
-    """Register the frames and even out their exposure; see `register` for the parameters and errors."""
+    """Register the frames and even out how they recorded the light; see `register` for the parameters and errors."""
     mosaic = register(frames, cameras, executor, progress, options, covariances)
     photometry = estimate_photometry(mosaic.registered, mosaic.cameras, executor)
-    exposure = iter(photometry.exposure_ev.tolist())
-    evened = tuple(
-        dataclasses.replace(frame, exposure_ev=next(exposure)) if frame.registered else frame for frame in mosaic.frames
+    found = iter(zip(photometry.exposure_ev.tolist(), photometry.white_balance.tolist(), strict=True))
+    return dataclasses.replace(
+        mosaic,
+        frames=tuple(_evened(frame, *next(found)) if frame.registered else frame for frame in mosaic.frames),
+        vignetting_ev=photometry.vignetting_ev,
     )
-    return dataclasses.replace(mosaic, frames=evened, vignetting_ev=(photometry.vignetting_ev,) * len(mosaic.cameras))
+
+
+def _evened(frame: Frame, exposure_ev: float, white_balance: list[float]) -> Frame:
+    red, green, blue = white_balance
+    return dataclasses.replace(frame, exposure_ev=exposure_ev, white_balance=(red, green, blue))

@@ -1,6 +1,7 @@
 """What a photograph hands on to the pictures made of it, and what viewers are told of a sphere."""
 
 import json
+import math
 import shutil
 import subprocess
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 
 from fullsphere.model.errors import UsageError
 from fullsphere.model.exif_block import exif_block
-from fullsphere.model.images import carried, gpano, open_panorama, open_picture, read_picture
+from fullsphere.model.images import carried, gpano, noted_ev, open_panorama, open_picture, read_picture
 from fullsphere.model.picture_metadata import CAPTURE_NAMES, Value
 
 CAPTURE: dict[str, Value] = {
@@ -164,3 +165,16 @@ def test_a_window_of_the_sphere_says_where_it_lies() -> None:
             gpano((3600, 1800), window)
     with pytest.raises(UsageError, match="twice"):
         gpano((1000, 501))
+
+
+def test_the_exposure_that_was_noted_counts_in_ev() -> None:
+    noted = {"ExposureTime": 1 / 50, "FNumber": 4.0, "Exif:PhotographicSensitivity": 200.0}
+    ev = noted_ev(noted)
+    assert ev is not None
+    assert ev == pytest.approx(math.log2(1 / 50 * 2 / 16))
+    assert noted_ev({**noted, "ExposureTime": 1 / 25}) == pytest.approx(ev + 1)
+    assert noted_ev({**noted, "FNumber": 8.0}) == pytest.approx(ev - 2)
+    assert noted_ev({**noted, "Exif:PhotographicSensitivity": 100.0}) == pytest.approx(ev - 1)
+    for name in noted:
+        assert noted_ev({key: value for key, value in noted.items() if key != name}) is None
+        assert noted_ev({**noted, name: 0.0}) is None
