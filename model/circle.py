@@ -49,9 +49,10 @@ def brightest(pictures: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
 
     Over several frames a dark thing at the rim of one is outshone by another: the lit disc shows best.
     """
-    highest: NDArray[np.uint8] = pictures[0].max(-1)
-    for picture in pictures[1:]:
-        np.maximum(highest, picture.max(-1), out=highest)
+    highest: NDArray[np.uint8] = pictures[0][..., 0].copy()
+    for picture in pictures:
+        for channel in np.moveaxis(picture, -1, 0):  # NumPy's maximum over so short an axis takes twenty times as long
+            np.maximum(highest, channel, out=highest)
     return highest
 
 
@@ -107,21 +108,22 @@ def _rim_points(small: NDArray[np.float32], middle: FloatArray, threshold: float
     with np.errstate(divide="ignore"):
         to_border = np.where(direction > 0, ([width - 1, height - 1] - middle) / direction, -middle / direction).min(-1)
     steps = np.arange(0, np.ceil(to_border.max()) + 1, 0.5)
-    at = (middle + steps[None, :, None] * direction[:, None, :]).astype(np.float32)
+    at = np.empty((_DIRECTIONS, len(steps), 2), np.float32)
+    for axis in range(2):
+        at[..., axis] = middle[axis] + steps * direction[:, axis, None]
     profile = cv2.remap(small, at, None, cv2.INTER_LINEAR, borderValue=-1.0)
     level = np.full(_DIRECTIONS, threshold)
     if radius is not None:
         inside = profile[:, (steps > 0.92 * radius) & (steps < 0.97 * radius)]
         level = np.maximum(level, 0.5 * np.median(inside, axis=1))
-    points = []
-    for row, reach, way, least in zip(profile, to_border, direction, level, strict=True):
-        above = np.flatnonzero(row > least)
-        if above.size == 0 or steps[above[-1]] > reach - 1.5:  # nothing lit, or the disc is cut by the border here
-            continue
-        k = above[-1]
-        fraction = (row[k] - least) / max(row[k] - row[k + 1], 1e-6)
-        points.append(middle + (steps[k] + 0.5 * fraction) * way)
-    return np.array(points).reshape(-1, 2)
+    above = profile > level[:, None]
+    last = len(steps) - 1 - above[:, ::-1].argmax(1)
+    # Not where nothing is lit, and where the disc is cut by the border.
+    ways = np.flatnonzero(above.any(1) & (steps[last] <= to_border - 1.5))
+    last = last[ways]
+    lit, dark = profile[ways, last], profile[ways, last + 1]
+    fraction = (lit - level[ways]) / np.maximum(lit - dark, 1e-6)
+    return np.asarray(middle + (steps[last] + 0.5 * fraction)[:, None] * direction[ways])
 
 
 def _fit_circle(points: FloatArray) -> tuple[float, float, float] | None:

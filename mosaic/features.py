@@ -14,8 +14,9 @@ from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.conformal import conformal_view, is_wide
 from fullsphere.mosaic.project import Picture
 
-_AREA_PER_KEYPOINT_PX = 400  # a larger picture is reduced: more of it gives more keypoints than are kept
+_AREA_PER_KEYPOINT_PX = 300  # a larger picture is reduced: more of it gives more keypoints than are kept
 _MAX_AREA_PX = 4_000_000  # descriptors gain nothing from more
+_DETECTED = 2  # times as many as are kept are described: half of a keypoint's time goes there
 _CELLS = 24  # along the longer side: each cell gives its strongest keypoints only
 _CONTRAST, _WEAK_CONTRAST = 0.04, 0.02  # weaker keypoints are less exact: they fill up where strong ones are few
 _LAYERS = 3  # of an octave, OpenCV's default: it compares the response with the contrast divided by them
@@ -122,7 +123,7 @@ def _detected(
 ) -> Features | None:
     """Keypoints of a picture in its own pixels; None if it has none."""
     # Without precise upscaling every keypoint is a quarter of a pixel off, thirty times the rotation error.
-    sift = cv2.SIFT_create(nfeatures=4 * most, contrastThreshold=_WEAK_CONTRAST, enable_precise_upscale=True)
+    sift = cv2.SIFT_create(nfeatures=_DETECTED * most, contrastThreshold=_WEAK_CONTRAST, enable_precise_upscale=True)
     keypoints, descriptors = sift.detectAndCompute(_toned(light, inside, dtype), inside)
     if not keypoints:
         return None
