@@ -204,7 +204,7 @@ def test_vignetting_never_brightens_outwards() -> None:
 
 def test_pixels_that_are_no_numbers_do_not_count() -> None:
     def spoilt(k: int, light: FloatArray) -> Picture:
-        picture = (2.0 ** EXPOSURE_EV[k] * light * 1e-4).astype(np.float32)
+        picture: Picture = (2.0 ** EXPOSURE_EV[k] * light * 1e-4).astype(np.float32)
         picture[100:120, 100:200] = (np.nan, np.inf, -np.inf, -1.0, 0.0)[k]
         return picture
 
