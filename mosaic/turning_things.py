@@ -30,9 +30,12 @@ _CLEAR = 60.0  # coded light, summed over three channels: what other frames see 
 _CONSTANT = 0.35  # of that difference, at most, the pixel differs from frame to frame
 _RINGS = 30  # of angles from the axis
 _IN_MOST = 0.7  # of the frames
-_SMALLEST = 12  # pixels
+_EDGE = 30.0  # coded light, summed over three channels, from pixel to pixel
+_FIRST, _FINALLY = 0.12, 0.6  # share of a zone that other frames contradict
+_SMALLEST = 8  # pixels
+_LARGEST = 0.25  # of the picture
 _MORE = 20  # pixels around what is found that are looked at again
-_ROUNDS = 6
+_ROUNDS = 4
 
 
 def turning_things(
@@ -74,19 +77,21 @@ def turning_things(
     found = np.zeros(small[::-1], np.uint8)
     own, differences = _compared(views, rays, table, found, executor)
     trend = _around_the_axis(differences, rays)
-    found = _whole(_contradicted(own, differences, trend, by_half=False))
+    zones = _zones(own)
+    found = _hidden(zones, _contradicted(own, differences, trend, by_half=False), _FIRST)
     for _ in range(_ROUNDS):
         if not found.any():
             return None
-        # Where things of several frames lie in one direction they confirm each other, until parts of them are known.
+        # Where things of several frames lie in one direction they confirm each other, until some of them are known.
         rows, columns = _window(found)
         own, differences = _compared(views, rays[rows, columns], table, found, executor)
-        more = found.copy()
-        more[rows, columns] |= _contradicted(own, differences, trend[rows, columns], by_half=True)
-        more = _whole(more)
-        if np.array_equal(more, found):
+        contradicted = np.zeros_like(found)
+        contradicted[rows, columns] = _contradicted(own, differences, trend[rows, columns], by_half=True)
+        before, found = found, _hidden(zones, contradicted, _FINALLY)
+        if np.array_equal(before, found):
             break
-        found = more
+    if not found.any():
+        return None
     return np.asarray(cv2.resize(_wider(found), camera.size, interpolation=cv2.INTER_NEAREST)) > 0
 
 
@@ -187,12 +192,28 @@ def _contradicted(
         return np.asarray(often & (spread < _CONSTANT * _median(off)), np.uint8)
 
 
-def _whole(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Things without specks and holes."""
-    regions, number = ndimage.label(mask, np.ones((3, 3)))
-    large = np.bincount(regions.ravel(), minlength=number + 1) >= _SMALLEST
-    large[0] = False
-    closed = cv2.morphologyEx(large[regions].astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+def _zones(own: NDArray[np.float32]) -> NDArray[np.int32]:
+    """The parts of the camera's picture (h, w) that edges leave apart which all frames share; from 1, 0 for the edges.
+
+    A thing that turns along has an outline.  A place on a plain floor has none, even if other frames show something
+    else there: their own view of the thing.
+    """
+    middle = _median(own)
+    seen = np.isfinite(middle[..., 0])
+    low = cv2.erode(np.where(seen[..., None], middle, np.float32(1e9)), np.ones((3, 3), np.uint8))
+    high = cv2.dilate(np.where(seen[..., None], middle, np.float32(-1e9)), np.ones((3, 3), np.uint8))
+    plain = seen & ((high - low).sum(-1) < _EDGE)
+    return np.asarray(cv2.connectedComponents(plain.astype(np.uint8), connectivity=4)[1])
+
+
+def _hidden(zones: NDArray[np.int32], contradicted: NDArray[np.uint8], share: float) -> NDArray[np.uint8]:
+    """The zones of which so large a share is contradicted, without the holes and edges between them: (h, w), 1 or 0."""
+    area = np.bincount(zones.ravel())
+    hidden = np.bincount(zones.ravel(), contradicted.ravel()) >= share * area
+    hidden &= (area >= _SMALLEST) & (area <= _LARGEST * zones.size)
+    hidden[0] = False
+    things = cv2.dilate(hidden[zones].astype(np.uint8), np.ones((3, 3), np.uint8))
+    closed = cv2.morphologyEx(things, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     return np.asarray(ndimage.binary_fill_holes(closed), np.uint8)
 
 
