@@ -29,7 +29,7 @@ class ImageCircle(NamedTuple):
     def covers(self, size: tuple[int, int], aspect: float = 1.0) -> NDArray[np.bool_]:
         """Which pixels (h, w) of a picture of (width, height) lie on the disc; `aspect` is that of the camera."""
         v, u = np.ogrid[: size[1], : size[0]]
-        covered: NDArray[np.bool_] = np.hypot(u - self.centre[0], (v - self.centre[1]) / aspect) <= self.radius
+        covered: NDArray[np.bool_] = (u - self.centre[0]) ** 2 + ((v - self.centre[1]) / aspect) ** 2 <= self.radius**2
         return covered
 
 

@@ -35,6 +35,7 @@ MATCH_TOLERANCE = 1 / 480
 """How well a match must agree with a rotation once the camera is known, as a share of the picture's longer side."""
 
 _START = 0.02  # of the picture's radius: how well matches must agree while the lens is only guessed
+_ROUGH_PX = 4.0  # robust scales beyond it are for a camera that is still a guess
 _SAMPLE = 150  # matches of a link that are enough while the camera is being found
 _NOT_SQUARE = 0.005  # standard deviation of the aspect: pixels are square, but some pictures were resized unevenly
 _OFF_CENTRE = 0.02  # of the circle's radius: standard deviation of the axis from the circle's centre
@@ -150,7 +151,10 @@ def _found(
     def improve(cameras: Sequence[Camera], links: Sequence[Link], free: Sequence[str], scale: float) -> Adjustment:
         sampled = [thinned(link, _SAMPLE) for link in links]
         tied = [name for name in free if name not in _CENTRE]
-        return solve_links(sampled, rig, cameras, free, (scale,), tolerance=1e-4, known=usual, tied=tied).adjustment
+        tolerance = 1e-3 if scale > _ROUGH_PX else 1e-4  # matches are chosen anew soon
+        return solve_links(
+            sampled, rig, cameras, free, (scale,), tolerance=tolerance, known=usual, tied=tied
+        ).adjustment
 
     cameras = _best_start(starts, lambda start: evidence.links(start, _START * start[0].image_radius, executor, few))
     links = evidence.links(cameras, _START * cameras[0].image_radius, executor, more)
