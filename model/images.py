@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.colour import encoded_from_linear, linear_from_encoded
+from fullsphere.model.icc import SRGB, Profile, profile_of
 from fullsphere.model.image_library import opened
 from fullsphere.model.panorama_file import check_panorama, open_panorama
 from fullsphere.model.panorama_writers import PanoramaWriter
@@ -33,6 +34,7 @@ __all__ = [
     "noted_ev",
     "open_panorama",
     "open_picture",
+    "picture_profile",
     "picture_size",
     "read_picture",
 ]
@@ -50,7 +52,7 @@ class Picture:
         (h, w, c) uint8, uint16 or float32, C order, c = 1 (grey), 3 or 4 (the last one alpha, colours not
         multiplied by it), in sensor coordinates.
     linear
-        Whether the samples are linear light (floating-point files) instead of sRGB codes.
+        Whether the samples are linear light (floating-point files) instead of codes.
     orientation
         EXIF orientation, 1 to 8: how to turn the picture for show.
     icc_profile
@@ -65,6 +67,11 @@ class Picture:
     orientation: int
     icc_profile: bytes | None
     metadata: Attributes
+
+    @property
+    def profile(self) -> Profile:
+        """The colour space of its codes; sRGB for linear light, which has none."""
+        return SRGB if self.linear else profile_of(self.icc_profile)
 
 
 def read_picture(path: Path) -> Picture:
@@ -94,6 +101,12 @@ def read_picture(path: Path) -> Picture:
             icc_profile=file.icc_profile,
             metadata=file.metadata,
         )
+
+
+def picture_profile(path: Path) -> Profile:
+    """The colour space of a picture's codes, from the header alone; raises InputError as `open_picture` does."""
+    with open_picture(path) as file:
+        return SRGB if file.linear else profile_of(file.icc_profile)
 
 
 def picture_size(path: Path) -> tuple[int, int]:

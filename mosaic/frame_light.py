@@ -6,14 +6,16 @@ import math
 import threading
 from collections import OrderedDict
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.camera import Camera
-from fullsphere.model.colour import linear_from_encoded
+from fullsphere.model.colour import decoding_table
+from fullsphere.model.icc import SRGB, Profile
 from fullsphere.model.source_picture import Samples, SourcePicture, source_picture
+from fullsphere.mosaic.frame_colour import in_profile, own_profile
 from fullsphere.mosaic.masks import used
 from fullsphere.mosaic.project import Frame, Mosaic, Picture
 
@@ -54,20 +56,13 @@ def gain_of(mosaic: Mosaic, frame: Frame) -> Gain:
     return Gain(factor, np.exp2(-(w1 * s + w2 * s**2)).astype(np.float32), z_min)
 
 
-def codes_of(frame: Frame) -> Picture:
-    """The frame's pixels (h, w, 3), or (h, w, 4) where a mask or its own alpha says what counts."""
-    picture = used(frame)
+def codes_of(frame: Frame, profile: Profile = SRGB) -> Picture:
+    """The frame's pixels (h, w, 3), or (h, w, 4) where a mask or its own alpha says what counts; codes of `profile`."""
+    picture = in_profile(used(frame), own_profile(frame), profile)
     if picture.shape[2] >= 3:
         return picture
     colour = np.repeat(picture[..., :1], 3, axis=2)
     return colour if picture.shape[2] == 1 else np.concatenate([colour, picture[..., 1:]], axis=2)
-
-
-def light_of_code(dtype: np.dtype[Any]) -> NDArray[np.float32]:
-    """Linear light (n,) of each code of an integer type; empty for floating-point samples, which are light."""
-    if dtype.kind == "f":
-        return np.empty(0, np.float32)
-    return linear_from_encoded(np.arange(np.iinfo(dtype).max + 1, dtype=dtype)[:, None])[:, 0]
 
 
 class FrameLights:
@@ -79,10 +74,12 @@ class FrameLights:
         Those of the mosaic.
     kept_bytes
         Memory for them; a frame that does not fit any more is opened again when it is needed.
+    profile
+        The colour space that the codes of all are in (`common_profile`).
     """
 
-    def __init__(self, cameras: Sequence[Camera], kept_bytes: int) -> None:
-        self._cameras, self._room = cameras, kept_bytes
+    def __init__(self, cameras: Sequence[Camera], kept_bytes: int, profile: Profile = SRGB) -> None:
+        self._cameras, self._room, self._profile = cameras, kept_bytes, profile
         self._kept: OrderedDict[str, FrameLight] = OrderedDict()
         self._lock = threading.Lock()
         self._loading: dict[str, threading.Lock] = {}
@@ -107,7 +104,7 @@ class FrameLights:
         return sum(light.picture.bordered.nbytes for light in self._kept.values())
 
     def _open(self, frame: Frame) -> FrameLight:
-        codes = codes_of(frame)
+        codes = codes_of(frame, self._profile)
         samples = Samples(codes.dtype, codes.shape[2], linear_light=False)
         ready = source_picture([(0, codes)], self._cameras[frame.camera], samples)
-        return FrameLight(ready.averaged_beyond(_RESOLVED_PX), light_of_code(codes.dtype))
+        return FrameLight(ready.averaged_beyond(_RESOLVED_PX), decoding_table(codes.dtype, self._profile))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
@@ -10,6 +12,7 @@ from typing import Any
 
 from fullsphere.model.errors import InputError
 from fullsphere.model.files import sha256_of
+from fullsphere.model.icc import profile_of
 from fullsphere.model.images import noted_ev, read_picture
 from fullsphere.model.pose_metadata import told_pose
 from fullsphere.model.workers import ordered_map
@@ -140,6 +143,8 @@ def _read(named: tuple[str, Path]) -> Frame:
     turns = quarter_turns(picture.orientation)
     exposure = noted_ev(picture.metadata)
     frame = Frame(name, str(path), (width, height), loader(path), sha256, told_ev=exposure, quarter_turns=turns)
+    if not picture.linear and picture.icc_profile:
+        frame = dataclasses.replace(frame, profile=functools.partial(profile_of, picture.icc_profile))
     return with_prior(frame, told, turns)
 
 

@@ -12,11 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.camera import Camera
+from fullsphere.model.colour import decoding_table
+from fullsphere.model.icc import SRGB, Profile
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.positions import Geometry
 from fullsphere.model.surface import Equirectangular
 from fullsphere.model.workers import ordered_map
-from fullsphere.mosaic.frame_light import Gain, codes_of, gain_of, light_of_code
+from fullsphere.mosaic.frame_colour import common_profile
+from fullsphere.mosaic.frame_light import Gain, codes_of, gain_of
 from fullsphere.mosaic.overview_kernels import reduced_light
 from fullsphere.mosaic.project import Frame, Mosaic
 
@@ -70,15 +73,21 @@ def working_sphere(frames: int) -> Equirectangular:
 def overviews(mosaic: Mosaic, sphere: Equirectangular, executor: Executor | None = None) -> list[Overview]:
     """The registered frames of a mosaic on the working sphere, each opened once, side by side on `executor`."""
     finest = max(float(_density(camera, np.linspace(0, camera.half_fov, 200)).max()) for camera in mosaic.cameras)
+    profile = common_profile(mosaic.registered)
 
     def made(frame: Frame) -> Overview:
-        return overview_of(frame, mosaic.cameras[frame.camera], gain_of(mosaic, frame), sphere, finest)
+        return overview_of(frame, mosaic.cameras[frame.camera], gain_of(mosaic, frame), sphere, finest, profile)
 
     return list(ordered_map(executor, made, mosaic.registered, ahead=4))
 
 
-def overview_of(frame: Frame, camera: Camera, gain: Gain, sphere: Equirectangular, finest: float) -> Overview:
-    """One registered frame on the working sphere; `finest` is the most pixels per radian that any frame has."""
+def overview_of(
+    frame: Frame, camera: Camera, gain: Gain, sphere: Equirectangular, finest: float, profile: Profile = SRGB
+) -> Overview:
+    """One registered frame on the working sphere, its light in the primaries of `profile`.
+
+    `finest` is the most pixels per radian that any frame has.
+    """
     assert frame.camera_from_world is not None
     width, height = sphere.size
     light, quality = np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32)
@@ -88,7 +97,7 @@ def overview_of(frame: Frame, camera: Camera, gain: Gain, sphere: Equirectangula
     z = sphere.window_rays(slice(0, width), slice(0, height)) @ frame.camera_from_world[2]
     rim = camera.half_fov - RIM
     inside = np.isfinite(found.u) & (z > math.cos(rim))
-    reduced = _reduced(frame, camera, rim, sphere)
+    reduced = _reduced(frame, camera, rim, sphere, profile)
     to_reduced = [
         (np.where(inside, at, 0).astype(np.float32) + 0.5) / reduced.factor - 0.5 for at in (found.u, found.v)
     ]
@@ -124,9 +133,9 @@ def _density(camera: Camera, theta: FloatArray) -> FloatArray:
     return np.sqrt(np.maximum(camera.lens.radius(safe) * camera.lens.slope(safe) / np.sin(safe), 0) * camera.aspect)
 
 
-def _reduced(frame: Frame, camera: Camera, rim: float, sphere: Equirectangular) -> _Reduced:
+def _reduced(frame: Frame, camera: Camera, rim: float, sphere: Equirectangular, profile: Profile) -> _Reduced:
     """The frame's light made so small that a pixel is about one of the working sphere's."""
-    codes = codes_of(frame)
+    codes = codes_of(frame, profile)
     per_radian = sphere.size[0] / (2 * math.pi)
     factor = max(1, int(float(_density(camera, np.array([rim / 2]))[0]) / per_radian))
     height, width = codes.shape[0] // factor, codes.shape[1] // factor
@@ -135,6 +144,6 @@ def _reduced(frame: Frame, camera: Camera, rim: float, sphere: Equirectangular) 
     white = math.inf if codes.dtype.kind == "f" else _WHITE * np.iinfo(codes.dtype).max
     radius = float(camera.lens.radius(rim))
     disc = np.array([*camera.centre, camera.aspect, radius * radius])
-    reduced_light(codes, light_of_code(codes.dtype), white, disc, factor, light, seen, clipped)
+    reduced_light(codes, decoding_table(codes.dtype, profile), white, disc, factor, light, seen, clipped)
     light *= seen[..., None]
     return _Reduced(light, seen, clipped, factor)

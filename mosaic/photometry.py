@@ -16,11 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.camera import Camera
+from fullsphere.model.colour import decoding_table
+from fullsphere.model.icc import Profile
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.sampling import sample
 from fullsphere.model.table import RayTable, tabulate
 from fullsphere.model.workers import ordered_map
-from fullsphere.mosaic.frame_light import codes_of, light_of_code
+from fullsphere.mosaic.frame_colour import common_profile
+from fullsphere.mosaic.frame_light import codes_of
 from fullsphere.mosaic.overview_kernels import reduced_light
 from fullsphere.mosaic.photometry_fit import Photometry, fit
 from fullsphere.mosaic.project import Frame, Picture
@@ -46,9 +49,12 @@ def estimate_photometry(
     tables = [tabulate(camera, 1e-3) for camera in each]
     rays = _even_directions(min(_DIRECTIONS, max(_VALUES // max(len(frames), 1), 1000)))
 
+    profile = common_profile(frames)
+
     def measured(frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         assert frame.camera_from_world is not None
-        return _levels(codes_of(frame), tables[frame.camera], rays, frame.camera_from_world)
+        codes = codes_of(frame, profile)
+        return _levels(codes, profile, tables[frame.camera], rays, frame.camera_from_world)
 
     found = list(ordered_map(executor, measured, frames, ahead=4))
     levels = np.array([level for level, _ in found]).reshape(len(found), len(rays), 3)
@@ -67,12 +73,12 @@ def _even_directions(count: int) -> FloatArray:
 
 
 def _levels(
-    codes: Picture, table: RayTable, rays: FloatArray, camera_from_world: FloatArray
+    codes: Picture, profile: Profile, table: RayTable, rays: FloatArray, camera_from_world: FloatArray
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """log2 of a frame's light (n, 3) along each ray, NaN where it is not to be trusted, and s = (theta/half_fov)^2."""
     s = (np.arccos(np.clip(rays @ camera_from_world[2], -1, 1)) / table.camera.half_fov) ** 2
     factor = max(1, round(max(codes.shape[:2]) / _SIDE_PX))
-    light, trusted = _reduced(codes, factor)
+    light, trusted = _reduced(codes, decoding_table(codes.dtype, profile), factor)
     pixels = (table.project(rays, camera_from_world, np.float32) + np.float32(0.5)) / np.float32(factor)
     pixels -= np.float32(0.5)
     height, width = trusted.shape[:2]
@@ -85,9 +91,10 @@ def _levels(
     return np.where(usable, np.log2(value), np.nan).astype(np.float32), s.astype(np.float32)
 
 
-def _reduced(codes: Picture, factor: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _reduced(
+    codes: Picture, table: NDArray[np.float32], factor: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """A frame's light averaged over squares of pixels (h, w, 3), and 1 where all of them are to be trusted."""
-    table = light_of_code(codes.dtype)
     white = float(np.searchsorted(table, _CLIPPED)) if table.size else math.inf
     height, width = codes.shape[0] // factor, codes.shape[1] // factor
     light, seen = np.empty((height, width, 3), np.float32), np.empty((height, width), np.float32)

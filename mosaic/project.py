@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.camera import Camera
+from fullsphere.model.icc import Profile
 from fullsphere.model.lens import FloatArray
 
 Picture = NDArray[Any]
@@ -59,6 +60,8 @@ class Frame:
         How many quarter turns clockwise bring the picture, as `load` gives it, upright.
     turned
         How many quarter turns clockwise `load` gives the file's own pixels.
+    profile
+        Gives the colour space of the picture's codes; None for sRGB.
     mask
         Gives the parts of the picture (h, w) to use, where it is not zero; None for all.
     mask_image
@@ -83,6 +86,7 @@ class Frame:
     gravity: FloatArray | None = dataclasses.field(default=None, repr=False)
     quarter_turns: int = 0
     turned: int = 0
+    profile: Callable[[], Profile] | None = dataclasses.field(default=None, repr=False, compare=False)
     mask: Callable[[], NDArray[np.uint8]] | None = dataclasses.field(default=None, repr=False, compare=False)
     mask_image: str = ""
 

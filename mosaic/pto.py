@@ -202,7 +202,9 @@ def _checked(frame: Frame, file: Frame | None, size: tuple[int, int]) -> Frame:
     if file.size != size:
         this, that = (f"{width} x {height}" for width, height in (file.size, size))
         return frame.left_out(f"is {this} pixels, the project is for {that}")
-    return dataclasses.replace(frame, quarter_turns=file.quarter_turns, gravity=file.gravity, told_ev=file.told_ev)
+    return dataclasses.replace(
+        frame, quarter_turns=file.quarter_turns, gravity=file.gravity, told_ev=file.told_ev, profile=file.profile
+    )
 
 
 def _on_one_axis(rays: FloatArray) -> bool:

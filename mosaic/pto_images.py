@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import os
 from collections import Counter
@@ -16,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from fullsphere.model.camera import MAX_SIDE_PX
 from fullsphere.model.errors import CameraError, InputError
 from fullsphere.model.files import sha256_of
+from fullsphere.model.images import picture_profile
 from fullsphere.model.store import camera_from_dict
 from fullsphere.mosaic.loading import Crop, loader
 from fullsphere.mosaic.project import Frame
@@ -183,6 +185,7 @@ def _frame(line: PtoLine, file: Path, part: _Part, reference: float) -> Frame:
         image=str(file),
         size=part.fitted.camera.size,
         load=loader(file, part.crop),
+        profile=functools.partial(picture_profile, file),
         sha256=sha256_of(file) if file.is_file() else "",
         white_balance=(_factor(line, "Er"), 1.0, _factor(line, "Eb")),
         exposure_ev=reference - line.number("Eev", 0.0, _EV) + 0.0,

@@ -8,6 +8,7 @@ from concurrent.futures import Executor
 
 from fullsphere.model.camera import Camera
 from fullsphere.model.lens import FloatArray
+from fullsphere.mosaic.frame_colour import colour_notes
 from fullsphere.mosaic.links import Progress
 from fullsphere.mosaic.options import DEFAULT, Options
 from fullsphere.mosaic.photometry import estimate_photometry
@@ -31,6 +32,7 @@ def solve(
         mosaic,
         frames=tuple(_evened(frame, *next(found)) if frame.registered else frame for frame in mosaic.frames),
         vignetting_ev=photometry.vignetting_ev,
+        diagnosis=mosaic.diagnosis + colour_notes(mosaic.registered),
     )
 
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from fullsphere.model.camera import MAX_SIDE_PX, Camera
 from fullsphere.model.errors import InputError
 from fullsphere.model.files import sha256_of
-from fullsphere.model.images import picture_size
+from fullsphere.model.images import picture_profile, picture_size
 from fullsphere.model.json_values import demand_keys, list_of, number_of, numbers_of, object_of, text_of, whole_of
 from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.loading import Crop, load_pixels
@@ -165,6 +165,7 @@ def _read(data: dict[str, Any], cameras: Sequence[Camera], where: str, folder: P
         crop_px=crop,
         quarter_turns=whole_of(data, "quarter_turns", where, 0, 3),
         turned=turned,
+        profile=functools.partial(picture_profile, image),
         mask=None if mask is None else functools.partial(checked_mask, mask, image, name, crop, turned),
         mask_image="" if mask is None else str(mask),
     )
