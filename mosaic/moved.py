@@ -22,7 +22,8 @@ from fullsphere.mosaic.seam_kernels import deviations, middle
 
 _CLEAR = 40  # coded light, summed over three channels: less is left to the seams
 _OF_NORMAL = 5.0  # times what four fifths of the sphere stay below
-_SMALLEST = 3  # pixels
+_OF_TEXTURE = 0.5  # of the contrast around a pixel: what is not quite in register differs so much
+_SMALLEST = 4  # pixels that differ clearly
 _LARGEST = 0.5  # steradian: no single thing is larger
 _EVIDENT = 0.25  # of the disagreement itself
 _POOR = 0.2  # of the best quality
@@ -58,10 +59,11 @@ def what_moved(light: NDArray[np.int16], quality: NDArray[np.float32], preferenc
         single[:, pole] = single[:, pole].max(1, keepdims=True)
         any_two[pole] = any_two[pole].max()
     height, width = any_two.shape
-    clear = _CLEAR
-    if (count > 1).any():
-        clear = max(clear, int(_OF_NORMAL * np.quantile(any_two[count > 1], 0.8)))
-    cost = np.float32(_OUTVOTED) * np.maximum(single - np.int16(min(clear // 2, 30_000)), 0).astype(np.float32)
+    contrast = high.sum(-1, dtype=np.int32) - low.sum(-1, dtype=np.int32)
+    texture = np.where(quality > 0, contrast, 2**15).min(0)
+    normal = float(np.quantile(any_two[count > 1], 0.8)) if (count > 1).any() else 0.0
+    clear = (max(_CLEAR, _OF_NORMAL * normal) + _OF_TEXTURE * texture).astype(np.float32)
+    cost = np.float32(_OUTVOTED) * np.maximum(single - clear / 2, 0)
     owner = np.full((height, width), -1, np.int16)
     regions, number = _regions(any_two, clear)
     area = np.cos((0.5 - (np.arange(height) + 0.5) / height) * math.pi) * (2 * math.pi / width) * (math.pi / height)
@@ -70,7 +72,7 @@ def what_moved(light: NDArray[np.int16], quality: NDArray[np.float32], preferenc
     rim = regions > 0
     rim &= np.asarray(cv2.erode(_wrapped(rim.astype(np.uint8), 3), np.ones((7, 7), np.uint8)))[:, 3:-3] == 0
     for y, x in _each(regions, number):
-        if len(y) < _SMALLEST or area[y].sum() > _LARGEST:
+        if area[y].sum() > _LARGEST:
             continue
         region = _Region(
             area[y],
@@ -79,7 +81,7 @@ def what_moved(light: NDArray[np.int16], quality: NDArray[np.float32], preferenc
             any_two[y, x].astype(float),
             count[y, x],
             rim[y, x],
-            high[:, y, x].sum(-1, dtype=np.int32) - low[:, y, x].sum(-1, dtype=np.int32),
+            contrast[:, y, x],
         )
         chosen = _chosen(region, preference)
         if chosen is not None:
@@ -151,12 +153,12 @@ def _widened(image: NDArray[np.int16], operation: Callable[..., Any], right: int
     return np.asarray(whole)[:, right:-right].astype(np.int16, copy=False)
 
 
-def _regions(any_two: NDArray[np.int16], clear: int) -> tuple[NDArray[np.int32], int]:
+def _regions(any_two: NDArray[np.int16], clear: NDArray[np.float32]) -> tuple[NDArray[np.int32], int]:
     """Connected regions of disagreement, a pixel wider than it: their numbers (H, W) from 1, 0 outside, and how many.
 
     What is half as clear belongs to a region that somewhere is clear.
     """
-    wide = _wrapped((any_two > clear // 2).astype(np.uint8), 2)
+    wide = _wrapped((any_two > clear / 2).astype(np.uint8), 2)
     touched = np.asarray(cv2.dilate(wide, np.ones((5, 5), np.uint8)))[:, 2:-2]
     touched = touched.copy()
     for pole in (0, -1):
@@ -172,8 +174,7 @@ def _regions(any_two: NDArray[np.int16], clear: int) -> tuple[NDArray[np.int32],
     rows, columns = np.concatenate([p[0] for p in pairs]), np.concatenate([p[1] for p in pairs])
     graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(number, number))
     _, joined = connected_components(graph, directed=False)
-    clear_in = np.zeros(int(joined.max()) + 1, bool)
-    clear_in[joined[region[any_two > clear]]] = True
+    clear_in = np.bincount(joined[region[any_two > clear]], minlength=int(joined.max()) + 1) >= _SMALLEST
     clear_in[joined[0]] = False
     names = np.cumsum(clear_in) * clear_in
     return names[joined[region]].astype(np.int32), int(clear_in.sum())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -135,36 +134,32 @@ def code_at(
     """Code the light (H, W, 3) of a frame at the pixels `needed` (H, W) into `features` (H, W, 5).
 
     Three channels of logarithmic light, less steep in the dark, and the slopes of their mean to the right and down, as
-    far as the frame sees (`quality` > 0).
+    far as the frame sees (`quality` > 0) and pixels beside are needed too.
     """
     height, width = quality.shape
+    grey = np.empty((height, width), np.float32)
+    for y in range(height):
+        for x in range(width):
+            if needed[y, x] and quality[y, x] > 0:
+                total = np.float32(0)
+                for c in range(3):
+                    bright = min(max(light[y, x, c] * scale, np.float32(0)), np.float32(1e9))
+                    code = per_stop * np.log2(bright + np.float32(0.125))
+                    features[y, x, c] = round(code)
+                    total += code
+                grey[y, x] = total / np.float32(3)
     for y in range(height):
         for x in range(width):
             if not needed[y, x] or quality[y, x] <= 0:
                 continue
-            for c in range(3):
-                features[y, x, c] = round(_code(light[y, x, c], scale, per_stop))
             features[y, x, 3] = features[y, x, 4] = 0
-            right, left = x + 1 if x + 1 < width else 0, x - 1 if x > 0 else width - 1
             if y == 0 or y == height - 1:
                 continue
-            if quality[y, left] > 0 and quality[y, right] > 0:
-                slope = _grey(light[y, right], scale, per_stop) - _grey(light[y, left], scale, per_stop)
-                features[y, x, 3] = round(slope)
-            if quality[y - 1, x] > 0 and quality[y + 1, x] > 0:
-                slope = _grey(light[y + 1, x], scale, per_stop) - _grey(light[y - 1, x], scale, per_stop)
-                features[y, x, 4] = round(slope)
-
-
-@compiled
-def _code(light: float, scale: float, per_stop: float) -> Any:
-    return per_stop * math.log2(min(max(light, 0.0) * scale, 1e9) + 0.125)
-
-
-@compiled
-def _grey(light: np.ndarray, scale: float, per_stop: float) -> Any:
-    total = _code(light[0], scale, per_stop) + _code(light[1], scale, per_stop) + _code(light[2], scale, per_stop)
-    return total / 3
+            right, left = x + 1 if x + 1 < width else 0, x - 1 if x > 0 else width - 1
+            if quality[y, left] > 0 and quality[y, right] > 0 and needed[y, left] and needed[y, right]:
+                features[y, x, 3] = round(grey[y, right] - grey[y, left])
+            if quality[y - 1, x] > 0 and quality[y + 1, x] > 0 and needed[y - 1, x] and needed[y + 1, x]:
+                features[y, x, 4] = round(grey[y + 1, x] - grey[y - 1, x])
 
 
 @compiled

@@ -29,7 +29,8 @@ _UNIT = 4096.0  # of costs, which are whole numbers
 _LOSS = 800.0  # cost per steradian of all quality lost, in coded light
 _SHORT = 25  # cost of any seam, in coded light
 _BAND = 3  # pixels to each side of a coarser seam
-_ROUNDS = 3
+_WORTH = 0.3  # of the best quality: worse frames, near their rims, have no say
+_ROUNDS = 2
 
 
 class _Level(NamedTuple):
@@ -61,9 +62,11 @@ def find_owners(overviews: Sequence[Overview], executor: Executor | None = None)
         return _at_sizes(one, sizes)
 
     each = list(ordered_map(executor, prepared, overviews))
-    levels = [
-        _Level([one[i].light for one in each], np.stack([one[i].quality for one in each])) for i in range(len(sizes))
-    ]
+    levels = []
+    for i in range(len(sizes)):
+        quality = np.stack([one[i].quality for one in each])
+        quality[quality < _WORTH * quality.max(0)] = 0
+        levels.append(_Level([one[i].light for one in each], quality))
     owner = np.full(sizes[0], -1, np.int16)
     best_frame(levels[0].quality, owner)
     shares = np.array([np.count_nonzero(owner == k, 1) @ _area(*sizes[0]) for k in range(len(overviews))])
@@ -79,7 +82,7 @@ def find_owners(overviews: Sequence[Overview], executor: Executor | None = None)
             owner = np.repeat(np.repeat(owner, 2, 0), 2, 1)
         free = _band(owner, _BAND) if i else np.ones_like(owner, bool)
         _settle(owner, level.quality, free)
-        features = _features(level, _widened(free, 1), scale, executor)
+        features = _features(level, _widened(free, 2), scale, executor)
         _expand(owner, features, level.quality, _at_size(moved.cost, sizes[i]), free, preference, whole=i == 0)
     lat = (0.5 - (np.arange(height) + 0.5) / height) * math.pi
     fill_nearest(owner, np.sin(lat), np.cos(lat), np.cos(np.arange(width) * (2 * math.pi / width)))
@@ -141,7 +144,7 @@ def _features(level: _Level, needed: NDArray[np.bool_], scale: float, executor: 
     features = np.empty((*level.quality.shape, 5), np.int16)
 
     def code(k: int) -> None:
-        code_at(level.light[k], level.quality[k], needed, 1 / scale, _PER_STOP, features[k])
+        code_at(level.light[k], level.quality[k], needed, np.float32(1 / scale), np.float32(_PER_STOP), features[k])
 
     for _ in ordered_map(executor, code, range(len(features))):
         pass
