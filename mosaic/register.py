@@ -82,7 +82,7 @@ def register(
     usable = _demand_two(frames)
     given = (cameras,) if isinstance(cameras, Camera) else None if cameras is None else tuple(cameras)
     of_camera = _by_camera(frames, given)
-    circles = [None if given else common_circle(own) for own in of_camera]
+    circles = [None if given else common_circle(own, executor) for own in of_camera]
     frames, evidence = _observed(frames, usable, given, circles, options.order, executor, progress)
     frames, evidence = _without_copies(frames, evidence)
     rig = Rig.of(frames)

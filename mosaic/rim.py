@@ -3,26 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.circle import ImageCircle, brightest, find_circle
+from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.project import Frame, Picture
 
 _AT_MOST = 16  # frames looked at: what is dark at the rim of one is bright in another of so many
 
 
-def common_circle(frames: Sequence[Frame]) -> ImageCircle | None:
+def common_circle(frames: Sequence[Frame], executor: Executor | None = None) -> ImageCircle | None:
     """The image circle of frames taken with one lens; None where none is to be seen.
 
-    It is sought in the brightest that any of some frames, spread over the set, shows at each pixel.
+    It is sought in the brightest that any of some frames, spread over the set, shows at each pixel; they are opened
+    side by side on `executor`.
     """
+    some = frames[:: max(1, -(-len(frames) // _AT_MOST))]
     highest: NDArray[np.uint8] | None = None
-    for frame in frames[:: max(1, -(-len(frames) // _AT_MOST))]:
-        now = brightest([eight_bit(frame.load())])
+    for now in ordered_map(executor, _brightest, some, ahead=2):
         highest = now if highest is None else np.maximum(highest, now)
     return None if highest is None else find_circle(highest)
+
+
+def _brightest(frame: Frame) -> NDArray[np.uint8]:
+    return brightest([eight_bit(frame.load())])
 
 
 def eight_bit(picture: Picture) -> NDArray[np.uint8]:
