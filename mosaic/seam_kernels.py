@@ -129,7 +129,7 @@ def expansion(
 
 @compiled
 def code_at(
-    light: np.ndarray, quality: np.ndarray, needed: np.ndarray, scale: float, per_stop: float, features: np.ndarray
+    light: np.ndarray, quality: np.ndarray, needed: np.ndarray, scale: Any, per_stop: Any, features: np.ndarray
 ) -> None:
     """Code the light (H, W, 3) of a frame at the pixels `needed` (H, W) into `features` (H, W, 5).
 

@@ -30,6 +30,8 @@ _LOSS = 800.0  # cost per steradian of all quality lost, in coded light
 _SHORT = 25  # cost of any seam, in coded light
 _BAND = 3  # pixels to each side of a coarser seam
 _WORTH = 0.3  # of the best quality: worse frames, near their rims, have no say
+_MANY = 24  # frames, of which not all are needed
+_NEARLY = 0.85  # of the best quality
 _ROUNDS = 2
 
 
@@ -55,6 +57,8 @@ def find_owners(overviews: Sequence[Overview], executor: Executor | None = None)
     (H, W) places in `overviews`.  Where nobody sees, the nearest owner; 0 everywhere if nobody sees anything.
     """
     height, width = overviews[0].quality.shape
+    needed = _needed(overviews)
+    overviews = [overviews[k] for k in needed]
     sizes = _sizes(height, width)
     scale = _middle_light(overviews)
 
@@ -86,7 +90,32 @@ def find_owners(overviews: Sequence[Overview], executor: Executor | None = None)
         _expand(owner, features, level.quality, _at_size(moved.cost, sizes[i]), free, preference, whole=i == 0)
     lat = (0.5 - (np.arange(height) + 0.5) / height) * math.pi
     fill_nearest(owner, np.sin(lat), np.cos(lat), np.cos(np.arange(width) * (2 * math.pi / width)))
-    return np.maximum(owner, 0)
+    return np.array(needed, np.int16)[np.maximum(owner, 0)]
+
+
+def _needed(overviews: Sequence[Overview]) -> list[int]:
+    """The frames to choose from: all of some, of many those that hardly leave a direction worse off.
+
+    A hundred frames a degree apart would be cut into slivers, in a long time.
+    """
+    if len(overviews) <= _MANY:
+        return list(range(len(overviews)))
+    height = len(overviews[0].quality)
+    step = max(1, height // 32)
+    coarse = np.stack([one.quality[step // 2 :: step, step // 2 :: step] for one in overviews])
+    good = (coarse > 0) & (coarse >= _NEARLY * coarse.max(0))
+    weight = np.cos((0.5 - np.arange(step // 2 + 0.5, height, step) / height) * math.pi)
+    left, taken = good.any(0) * weight[:, None], []
+    while left.any():
+        taken.append(int(np.argmax((good * left).sum((1, 2)))))
+        left[good[taken[-1]]] = 0
+    # Slivers between the places looked at: whatever anybody sees is seen by somebody taken.
+    unseen = ~np.logical_or.reduce([overviews[k].seen for k in taken], axis=0, initial=False)
+    for k, one in enumerate(overviews):
+        if (one.seen & unseen).any():
+            taken.append(k)
+            unseen &= ~one.seen
+    return sorted(set(taken)) or [0]
 
 
 def _sizes(height: int, width: int) -> list[tuple[int, int]]:

@@ -157,6 +157,18 @@ def test_one_frame_or_a_blind_one() -> None:
     assert not find_owners([blind, blind]).any()
 
 
+def test_of_many_frames_few_are_used_and_nothing_is_lost() -> None:
+    rng = np.random.default_rng(10)
+    overviews = frames([direction(9 * i, rng.normal()) for i in range(40)], 95, rng)
+    owner = find_owners(overviews)
+    best = np.stack([o.quality for o in overviews])
+    owned = np.take_along_axis(best, owner[None].astype(int), 0)[0]
+    seen = best.max(0) > 0
+    assert (owned[1:-1] > 0)[seen[1:-1]].all()
+    assert len(np.unique(owner)) < 20
+    assert np.mean((owned / np.maximum(best.max(0), 1e-9))[seen]) > 0.8
+
+
 def test_threads_change_nothing() -> None:
     overviews = frames([direction(0), direction(120), direction(240)], 120, np.random.default_rng(9))
     owner = find_owners(overviews)
