@@ -30,7 +30,7 @@ from fullsphere.mosaic.project import Frame, Picture
 
 __all__ = ["Photometry", "estimate_photometry"]
 
-_DIRECTIONS, _VALUES = 20_000, 4_000_000  # and no more values than this, of many frames together
+_DIRECTIONS, _VALUES = 20_000, 1_000_000  # and no more values than this, of many frames together
 _SIDE_PX = 600  # brightness is compared on pictures of this size: what is left of parallax and noise averages out
 _RIM = 0.95  # of s: beyond it a lens' own edge and that of the image circle darken the picture
 _CLIPPED, _DARK = 0.9, 0.004  # linear light, of full scale: beyond them a pixel says nothing of the brightness

@@ -19,7 +19,8 @@ from fullsphere.model.lens import FloatArray
 _GREEN = 1
 _COLOURS = 3
 
-_HUBER_EV, _HUBER_STEPS, _STEPS = 0.15, 8, 16
+_HUBER_EV = 0.15
+_STEPS, _SETTLED_EV = 30, (1e-3, 1e-5)  # of each of the two kinds of weights
 _SPREADS, _LEAST_SPREAD_EV = 4.0, 0.01  # beyond so many of the spread of what agrees a value hardly counts any more
 
 # Priors, as sums of squares beside those of the values that were compared, in EV.  All of them give way to a few
@@ -29,7 +30,7 @@ _FALLOFF, _SHAPE = 0.003, 0.1
 _STEEPER = 1.5  # the slope at the rim to that on the axis, over s, that lenses have without telling better
 
 _MOST_FALLOFF_EV = 4.0  # a unit of s
-_MOST_TINT_EV = 0.5  # frames of one scene are not apart by more; a flare could be
+_MOST_TINT_EV = 1.0  # daylight to lamps, by automatic white balance, is less; what is more is no camera's
 _SEEN_TINT_EV = 0.01  # less in all frames is no tint but noise: pictures stay as they were developed
 
 
@@ -72,27 +73,35 @@ def fit(
         (n,) exposures that the cameras noted; they count where the overlaps say little.
     """
     n = len(levels)
-    unknowns = _COLOURS * n + 2 * cameras
     if n == 0:
         return Photometry(np.zeros(0), np.ones((0, 3)), ((0.0, 0.0),) * cameras)
     data = [_Colour(levels[..., c], s, camera, cameras) for c in range(_COLOURS)]
     prior, towards = _priors(n, cameras, noted_ev)
-    x = np.zeros(unknowns)
-    spread = _HUBER_EV
-    for step in range(_STEPS):
-        normal, right = prior.copy(), towards.copy()
-        for c, colour in enumerate(data):
-            own = np.r_[c * n : (c + 1) * n, _COLOURS * n : unknowns]
-            part, values = colour.normal_equations()
-            normal[np.ix_(own, own)] += part
-            right[own] += values
-        x = _solved(normal, right, 2 * cameras)
-        residuals = [colour.residuals(x[c * n : (c + 1) * n], x[_COLOURS * n :]) for c, colour in enumerate(data)]
-        if step >= _HUBER_STEPS:
-            spread = max(_spread(residuals), _LEAST_SPREAD_EV)
-        for colour, residual in zip(data, residuals, strict=True):
-            colour.reweigh(residual, spread, gently=step < _HUBER_STEPS)
+    x = np.zeros(len(towards))
+    for gently, settled in zip((True, False), _SETTLED_EV, strict=True):
+        for _ in range(_STEPS):
+            before, x = x, _step(data, prior, towards, cameras, gently)
+            if np.abs(x - before).max() < settled:
+                break
     return _photometry(x[: _COLOURS * n].reshape(_COLOURS, n), x[_COLOURS * n :].reshape(cameras, 2))
+
+
+def _step(data: list[_Colour], prior: FloatArray, towards: FloatArray, cameras: int, gently: bool) -> FloatArray:
+    """Solve with the weights as they are, and weigh anew what then disagrees."""
+    unknowns = len(towards)
+    n = (unknowns - 2 * cameras) // _COLOURS
+    normal, right = prior.copy(), towards.copy()
+    for c, colour in enumerate(data):
+        own = np.r_[c * n : (c + 1) * n, _COLOURS * n : unknowns]
+        part, values = colour.normal_equations()
+        normal[np.ix_(own, own)] += part
+        right[own] += values
+    x = _solved(normal, right, 2 * cameras)
+    residuals = [colour.residuals(x[c * n : (c + 1) * n], x[_COLOURS * n :]) for c, colour in enumerate(data)]
+    spread = _HUBER_EV if gently else max(_spread(residuals), _LEAST_SPREAD_EV)
+    for colour, residual in zip(data, residuals, strict=True):
+        colour.reweigh(residual, spread, gently)
+    return x
 
 
 class _Colour:
