@@ -90,6 +90,7 @@ def find_owners(overviews: Sequence[Overview], executor: Executor | None = None)
         _expand(owner, features, level.quality, _at_size(moved.cost, sizes[i]), free, preference, whole=i == 0)
     lat = (0.5 - (np.arange(height) + 0.5) / height) * math.pi
     fill_nearest(owner, np.sin(lat), np.cos(lat), np.cos(np.arange(width) * (2 * math.pi / width)))
+    _to_who_sees(owner, overviews)
     return np.array(needed, np.int16)[np.maximum(owner, 0)]
 
 
@@ -204,6 +205,17 @@ def _settle(owner: NDArray[np.int16], quality: NDArray[np.float32], free: NDArra
     best_frame(quality, owner)
     free |= anew
     free &= owner >= 0
+
+
+def _to_who_sees(owner: NDArray[np.int16], overviews: Sequence[Overview]) -> None:
+    """Give to the best what its owner does not see and another does: parts of a pole's row, and far in a rim."""
+    lost = np.ones_like(owner, bool)
+    for k, one in enumerate(overviews):
+        lost &= (owner != k) | ~one.seen
+    y, x = np.nonzero(lost)
+    if y.size:
+        quality = np.stack([one.quality[y, x] for one in overviews])
+        owner[y, x] = np.where(quality.max(0) > 0, quality.argmax(0), owner[y, x])
 
 
 def _expand(

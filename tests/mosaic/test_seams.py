@@ -26,9 +26,9 @@ def within(centre: FloatArray, radius_deg: float) -> NDArray[np.bool_]:
 
 def world(rng: np.random.Generator) -> NDArray[np.float32]:
     """Random waves on the sphere, as light."""
-    waves = rng.normal(size=(50, 3)) * rng.uniform(1, 20, 50)[:, None]
-    strength = rng.normal(size=(50, 3)) / np.sqrt(1 + np.linalg.norm(waves, axis=1))[:, None]
-    level = np.sin(RAYS @ waves.T + rng.uniform(0, 6, 50)) @ strength
+    waves = rng.normal(size=(24, 3)) * rng.uniform(1, 20, 24)[:, None]
+    strength = rng.normal(size=(24, 3)) / np.sqrt(1 + np.linalg.norm(waves, axis=1))[:, None]
+    level = np.sin(RAYS @ waves.T + rng.uniform(0, 6, 24)) @ strength
     return np.asarray(0.2 * np.exp(0.25 * level), np.float32)
 
 
@@ -60,7 +60,7 @@ def shown(owner: NDArray[np.int16], overviews: list[Overview], things: list[NDAr
     return [float((owner == i)[thing].mean()) for i, thing in enumerate(things)]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("half_fov_deg", [181, 150, 105])
 def test_a_moved_ball_is_seen_once_and_whole_or_not_at_all(seed: int, half_fov_deg: float) -> None:
     """Seen by three frames everywhere, by two or three, or by two where it stands."""
@@ -85,7 +85,7 @@ def test_a_ball_that_moved_by_less_than_itself_is_whole(seed: int) -> None:
 
 def test_a_ball_that_only_two_frames_tell_apart_is_seen_once() -> None:
     """Two frames that see everything: there is no majority."""
-    for seed in range(3):
+    for seed in range(2):
         rng = np.random.default_rng(seed)
         balls = [within(direction(-90, 20), 6), within(direction(95, -10), 6)]
         overviews = frames([direction(0), direction(180)], 181, rng, balls)
@@ -142,7 +142,7 @@ def test_the_owner_sees_where_anybody_does_and_holes_go_to_the_nearest() -> None
     assert owner.shape == (256, 512)
     assert owner.dtype == np.int16
     by_owner = np.take_along_axis(seen, owner[None].astype(int), 0)[0]
-    np.testing.assert_array_equal(by_owner[1:-1], seen.max(0)[1:-1])
+    np.testing.assert_array_equal(by_owner, seen.max(0))
     hole = np.asarray(seen.sum(0) == 0)
     assert not seen[:, -1].any()
     clearly = hole & np.asarray(np.abs(RAYS[..., 0]) > 0.15)
@@ -164,7 +164,7 @@ def test_of_many_frames_few_are_used_and_nothing_is_lost() -> None:
     best = np.stack([o.quality for o in overviews])
     owned = np.take_along_axis(best, owner[None].astype(int), 0)[0]
     seen = best.max(0) > 0
-    assert (owned[1:-1] > 0)[seen[1:-1]].all()
+    assert (owned > 0)[seen].all()
     assert len(np.unique(owner)) < 20
     assert np.mean((owned / np.maximum(best.max(0), 1e-9))[seen]) > 0.8
 
