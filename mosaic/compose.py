@@ -1,41 +1,42 @@
 """A solved mosaic -> the finished panorama, tile by tile: the page of verbs.
 
-Every tile is computed on its own from the mosaic and the frames' pixels; the same bytes come out for any number of
-threads.
+Frames are looked at once on the working sphere (`overview`), where it is decided who owns what (`seams`) and how bright
+everything is to be (`shares`).  Every tile of any surface is then computed on its own from that and the frames' pixels;
+the same bytes come out for any number of threads.
 """
 
 from __future__ import annotations
 
 import math
-import threading
-from collections import OrderedDict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from concurrent.futures import Executor
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fullsphere.model.camera import Camera
-from fullsphere.model.colour import encoded_from_linear, linear_from_encoded
-from fullsphere.model.positions import Geometry
+from fullsphere.model.camera import Projection
+from fullsphere.model.colour import encoded_from_linear
+from fullsphere.model.positions import Geometry, fast
 from fullsphere.model.remap import TILE_PX, Tile, tiles
-from fullsphere.model.sampling_kernels import CUBIC
-from fullsphere.model.source_picture import BORDER, Samples, SourcePicture, source_picture
-from fullsphere.model.surface import Equirectangular
+from fullsphere.model.sampling_kernels import LANCZOS3
+from fullsphere.model.source_picture import BORDER
 from fullsphere.model.workers import ordered_map
-from fullsphere.mosaic.blend import Feather
-from fullsphere.mosaic.masks import used
+from fullsphere.mosaic.compose_kernels import add_frame
+from fullsphere.mosaic.frame_colour import common_profile
+from fullsphere.mosaic.frame_light import FrameLights, Gain, gain_of
+from fullsphere.mosaic.overview import RIM, overviews, working_sphere
 from fullsphere.mosaic.project import Frame, Mosaic
+from fullsphere.mosaic.seams import find_owners
+from fullsphere.mosaic.shares import FLOOR, Share, Shares, feathered, shares_of
 
-FRAME_CACHE_BYTES = 2 << 30
-"""Memory for frames in linear light; a frame that does not fit any more is opened again when it is needed."""
+FRAME_BYTES = 1 << 30
+"""Memory for frames; one that does not fit any more is opened again when it is needed."""
 
-_RIM = math.radians(0.7)  # the last of the field of view is dark and soft in every lens
-_FEATHER_POWER = 6  # higher hides parallax in a narrower seam, lower hides differences of brightness in a wider one
-_BORDER = 0.05  # of the frame's shorter side: how far a straight border of the picture is feathered
-_BRIGHT, _CLIPPED = 0.8, 0.98  # linear light: between them a pixel loses trust, as it may have been brighter
-_CLIPPED_WEIGHT = 0.1  # not less: the soft, dark rim of another frame would win over a clipped light
+Blend = Literal["multiband", "feather"]
+"""How frames are brought together."""
+
+_OPAQUE = 0.999  # of alpha: less is the soft edge of a mask
 
 
 class Band(NamedTuple):
@@ -45,18 +46,27 @@ class Band(NamedTuple):
     rows: NDArray[np.generic]
 
 
-class _Light(NamedTuple):
-    """A frame in linear light, with its mask as alpha where it has one."""
+def plan(mosaic: Mosaic, executor: Executor | None = None, blend: Blend = "multiband") -> Shares:
+    """Decide on the working sphere what each registered frame gives to a panorama.
 
-    picture: SourcePicture
-    clips: bool
+    "multiband" has seams where frames agree and mixes in many bands; "feather" mixes all frames softly, and is quick.
+    """
+    sphere = working_sphere(len(mosaic.registered))
+    seen = overviews(mosaic, sphere, executor)
+    if blend == "feather":
+        return feathered(seen, sphere)
+    return shares_of(seen, find_owners(seen, executor), sphere, executor)
 
 
 def compose(
     mosaic: Mosaic,
-    surface: Equirectangular,
+    surface: Projection,
     dtype: type[np.uint8] | type[np.uint16] | type[np.float32] = np.uint8,
     executor: Executor | None = None,
+    shares: Shares | None = None,
+    exposure_ev: float = 0.0,
+    frame_bytes: int = FRAME_BYTES,
+    tile_px: int = TILE_PX,
 ) -> Iterator[Band]:
     """Render a mosaic.
 
@@ -65,134 +75,193 @@ def compose(
     mosaic
         The solved project; its registered frames are opened through `Frame.load`.
     surface
-        What to render into.
+        What to render into: any projection.
     dtype
-        uint8 and uint16 are sRGB, float32 is linear light.
+        uint8 and uint16 are codes of the frames' common colour space (`common_profile`), float32 is linear light in its
+        primaries.
     executor
         Where tiles are computed side by side.
+    shares
+        What `plan` decided; decided anew by default.
+    exposure_ev
+        How much brighter than the mosaic's reference the panorama is to be.
+    frame_bytes
+        Memory for frames.
+    tile_px
+        Side of the tiles; it changes nothing in the picture.
 
     Yields
     ------
     Bands of rows from top to bottom that partition the picture.
     """
-    lights = _LightCache(mosaic.cameras)
-    geometries = {
-        frame.id: Geometry(mosaic.cameras[frame.camera], surface, frame.camera_from_world, BORDER)
-        for frame in mosaic.registered
-        if frame.camera_from_world is not None
-    }
+    shares = plan(mosaic, executor) if shares is None else shares
+    profile = common_profile(mosaic.registered)
+    lights = FrameLights(mosaic.cameras, frame_bytes, profile)
+    composer = _Composer(mosaic, surface, shares, lights, 2.0**exposure_ev)
     width, height = surface.size
 
-    def render(tile: Tile) -> NDArray[np.generic]:
-        light, alpha = _blended_tile(mosaic, geometries, lights, surface, tile)
-        return np.dstack([encoded_from_linear(light, dtype), _alpha(alpha, dtype)])
+    def render(tile: Tile) -> NDArray[Any]:
+        light, seen = composer.tile(tile)
+        return np.dstack([encoded_from_linear(light, dtype, profile), _alpha(seen, dtype)])
 
-    across = math.ceil(width / TILE_PX)
-    finished = ordered_map(executor, render, tiles(surface.size), ahead=2 * across)
-    for top in range(0, height, TILE_PX):
+    across = math.ceil(width / tile_px)
+    finished = ordered_map(executor, render, tiles(surface.size, tile_px), ahead=2 * across)
+    for top in range(0, height, tile_px):
         yield Band(top, np.concatenate([next(finished) for _ in range(across)], axis=1))
 
 
-def _alpha(coverage: NDArray[np.float32], dtype: type[np.generic]) -> NDArray[np.generic]:
+def _alpha(seen: NDArray[np.bool_], dtype: type[np.generic]) -> NDArray[Any]:
     full = {"uint8": 255, "uint16": 65535}.get(np.dtype(dtype).name, 1)
-    return np.asarray(coverage * np.float32(full)).astype(dtype)
+    return np.where(seen, full, 0).astype(dtype)
 
 
-def _blended_tile(
-    mosaic: Mosaic, geometries: Mapping[str, Geometry], lights: _LightCache, surface: Equirectangular, tile: Tile
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    rows, columns = tile
-    rays = surface.window_rays(columns, rows)
-    blender = Feather(*rays.shape[:2])
-    middle = rays[rays.shape[0] // 2, rays.shape[1] // 2]
-    reach = float(np.arccos(np.clip((rays @ middle).min(), -1, 1)))
-    for frame in mosaic.registered:
-        turn, camera = frame.camera_from_world, mosaic.cameras[frame.camera]
-        assert turn is not None
-        if math.acos(float(np.clip(turn[2] @ middle, -1, 1))) > camera.half_fov + reach:
-            continue
-        around = slice(rows.start - 1, rows.stop + 1), slice(columns.start - 1, columns.stop + 1)
-        found = geometries[frame.id].positions(*around)
+class _Source(NamedTuple):
+    """A frame, where its pixels are, and what makes them the scene's light."""
+
+    frame: Frame
+    geometry: Geometry
+    gain: Gain
+    axis: NDArray[np.float64]
+    z_rim: float
+
+
+class _Sampled(NamedTuple):
+    """What a frame shows in a part of a tile."""
+
+    codes: NDArray[Any]
+    light_of_code: NDArray[np.float32]
+    opaque: float
+    u: NDArray[np.floating[Any]]
+    z: NDArray[np.float32]
+
+
+class _Composer:
+    """The mosaic and the surface made ready for tile after tile; asked from several threads."""
+
+    def __init__(
+        self, mosaic: Mosaic, surface: Projection, shares: Shares, lights: FrameLights, brightness: float
+    ) -> None:
+        self._shares, self._lights, self._brightness = shares, lights, np.float32(brightness)
+        self._surface = fast(surface)
+        self._sources = [_source(mosaic, frame, surface) for frame in mosaic.registered]
+
+    def tile(self, tile: Tile) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """The light (h, w, 3) of a tile, and where any frame shows something (h, w)."""
+        rows, columns = tile
+        rays = self._surface.window_rays(columns, rows, np.float32)
+        at = self._shares.sphere.project(rays, dtype=np.float32)
+        light, weight = np.zeros(rays.shape, np.float32), np.zeros(rays.shape[:2], np.float32)
+        places = _places(at, self._shares.sphere.size)
+        for k, part in _parts(self._shares.owning[places], np.isfinite(at[..., 0])):
+            share = self._shares.of[k]
+            assert share is not None
+            self._add(k, tile, part, rays, at, share, light, weight)
+        for k, part in _parts(self._shares.seeing[places], np.isfinite(at[..., 0]) & (weight == 0)):
+            self._fill(k, tile, part, rays, light, weight)  # along rims, where the owner sees no more
+        seen = weight > 0
+        np.divide(light, weight[..., None], out=light, where=seen[..., None])
+        return light * self._brightness, seen
+
+    def _add(
+        self,
+        k: int,
+        tile: Tile,
+        part: Tile,
+        rays: NDArray[np.float32],
+        at: NDArray[np.float32],
+        share: Share,
+        light: NDArray[np.float32],
+        weight: NDArray[np.float32],
+    ) -> None:
+        found = self._sampled(k, tile, part, rays)
         if found is None:
-            continue
-        pixels = np.stack([found.u[1:-1, 1:-1], found.v[1:-1, 1:-1]], -1, dtype=np.float32) - np.float32(BORDER)
-        theta = np.arccos(np.clip(rays @ turn[2], -1, 1)).astype(np.float32)
-        weight = frame_weight(camera, theta, pixels)
-        if not weight.any():
-            continue
-        light = lights.of(frame)
-        sampled = light.picture.sampled(found.u, found.v, CUBIC, weight.shape)
-        colour = sampled[..., :3]
-        if light.clips:
-            weight *= _trust(colour.max(-1))
-        if sampled.shape[-1] == 4:
-            weight = weight * (sampled[..., 3] > 0.999)
-        s = (theta / camera.half_fov) ** 2
-        w1, w2 = mosaic.vignetting_of(frame.camera)
-        gain = np.exp2(-(frame.exposure_ev + w1 * s + w2 * s**2), dtype=np.float32)
-        tint = np.array(frame.white_balance, np.float32)
-        blender.feed(np.maximum(colour, 0) * (gain[..., None] / tint), weight.astype(np.float32))
-    return blender.blended()
-
-
-def frame_weight(camera: Camera, theta: NDArray[np.float32], pixels: NDArray[np.float32]) -> NDArray[np.float32]:
-    """How much a frame is trusted at pixels (h, w, 2) seen at theta (h, w): 1 on the axis, 0 at the rim and outside.
-
-    Falls with the cosine of theta, rescaled to reach zero just inside the rim, and over a narrow strip along the
-    straight borders of the picture.
-    """
-    limit = math.cos(camera.half_fov - _RIM)
-    inner = np.clip((np.cos(theta) - limit) / (1 - limit), 0, 1) ** _FEATHER_POWER
-    width, height = camera.size
-    u, v = pixels[..., 0], pixels[..., 1]
-    with np.errstate(invalid="ignore"):
-        border = np.minimum(np.minimum(u, width - 1 - u), np.minimum(v, height - 1 - v)) / (
-            _BORDER * min(width, height)
+            return
+        source = self._sources[k]
+        add_frame(
+            found.codes,
+            found.light_of_code,
+            found.opaque,
+            found.u,
+            found.z,
+            source.z_rim,
+            source.gain.factors,
+            source.gain.over_z,
+            source.gain.z_min,
+            at[part],
+            self._shares.sphere.size[0],
+            share.values,
+            share.left,
+            share.top,
+            FLOOR,
+            light[part],
+            weight[part],
         )
-        inner *= np.clip(np.nan_to_num(border, nan=0.0), 0, 1) ** 2
-    return np.asarray(inner, np.float32)
+
+    def _fill(
+        self,
+        k: int,
+        tile: Tile,
+        part: Tile,
+        rays: NDArray[np.float32],
+        light: NDArray[np.float32],
+        weight: NDArray[np.float32],
+    ) -> None:
+        """Bring a frame in where those before have left nothing."""
+        found = self._sampled(k, tile, part, rays)
+        if found is None:
+            return
+        source, room = self._sources[k], weight[part] == 0
+        room &= np.isfinite(found.u) & (found.z >= source.z_rim)
+        if found.codes.shape[2] == 4:
+            room &= found.codes[..., 3] >= found.opaque
+        codes = found.codes[room][:, :3]
+        linear = np.maximum(codes, 0) if not found.light_of_code.size else found.light_of_code[codes]
+        cells = (found.z[room] - source.gain.z_min) / (1 - source.gain.z_min) * (len(source.gain.over_z) - 1)
+        gain = np.interp(cells, np.arange(len(source.gain.over_z)), source.gain.over_z).astype(np.float32)
+        light[part][room] = linear * gain[:, None] * source.gain.factors
+        weight[part][room] = 1
+
+    def _sampled(self, k: int, tile: Tile, part: Tile, rays: NDArray[np.float32]) -> _Sampled | None:
+        source = self._sources[k]
+        (rows, columns), (down, across) = tile, part
+        top, left = rows.start + down.start, columns.start + across.start
+        shape = (down.stop - down.start, across.stop - across.start)
+        found = source.geometry.positions(
+            slice(top - 1, top + shape[0] + 1), slice(left - 1, left + shape[1] + 1)
+        )  # with those around, from which the sampler takes the footprints
+        if found is None:
+            return None
+        light = self._lights.of(source.frame)
+        codes = light.picture.sampled(found.u, found.v, LANCZOS3, shape)
+        full = 1.0 if codes.dtype.kind == "f" else float(np.iinfo(codes.dtype).max)
+        z = (rays[part] @ source.axis.astype(np.float32)).astype(np.float32)
+        return _Sampled(codes, light.light_of_code, _OPAQUE * full, found.inner.u, z)
 
 
-def _trust(brightest: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Factor (h, w) on the weight of pixels by their brightest channel: falls smoothly where they are near clipping."""
-    t = np.clip((brightest - _BRIGHT) / (_CLIPPED - _BRIGHT), 0, 1)
-    return np.asarray(1 - (1 - _CLIPPED_WEIGHT) * t * t * (3 - 2 * t), np.float32)
+def _source(mosaic: Mosaic, frame: Frame, surface: Projection) -> _Source:
+    assert frame.camera_from_world is not None
+    camera = mosaic.cameras[frame.camera]
+    geometry = Geometry(camera, surface, frame.camera_from_world, BORDER)
+    return _Source(frame, geometry, gain_of(mosaic, frame), frame.camera_from_world[2], math.cos(camera.half_fov - RIM))
 
 
-class _LightCache:
-    """The frames' linear light, the latest used kept in memory; safe to ask from several threads."""
+def _places(at: NDArray[np.float32], size: tuple[int, int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The pixels (h, w) of the working sphere that places on it are nearest to; of those that are none the first."""
+    width, height = size
+    near = np.nan_to_num(np.floor(at + np.float32(0.5))).astype(np.intp)
+    return np.clip(near[..., 1], 0, height - 1), near[..., 0] % width
 
-    def __init__(self, cameras: Sequence[Camera]) -> None:
-        self._cameras = cameras
-        self._kept: OrderedDict[str, _Light] = OrderedDict()
-        self._lock = threading.Lock()
-        self._loading: dict[str, threading.Lock] = {}
 
-    def of(self, frame: Frame) -> _Light:
-        """The frame's light, opened once for all the threads that wait for it."""
-        with self._lock:
-            loading = self._loading.setdefault(frame.id, threading.Lock())
-        with loading:
-            with self._lock:
-                if frame.id in self._kept:
-                    self._kept.move_to_end(frame.id)
-                    return self._kept[frame.id]
-            light = self._open(frame)
-            with self._lock:
-                self._kept[frame.id] = light
-                while len(self._kept) > 1 and self._bytes() > FRAME_CACHE_BYTES:
-                    self._kept.popitem(last=False)
-            return light
-
-    def _bytes(self) -> int:
-        return sum(light.picture.bordered.nbytes for light in self._kept.values())
-
-    def _open(self, frame: Frame) -> _Light:
-        picture = used(frame)
-        colour = linear_from_encoded(picture[..., :3])
-        if colour.shape[2] == 1:
-            colour = np.repeat(colour, 3, axis=2)
-        if picture.shape[2] == 4:
-            colour = np.concatenate([colour, (picture[..., 3:] > 0).astype(np.float32)], axis=2)
-        samples = Samples(colour.dtype, colour.shape[2], linear_light=False)
-        return _Light(source_picture([(0, colour)], self._cameras[frame.camera], samples), picture.dtype != np.float32)
+def _parts(bits: NDArray[np.uint64], wanted: NDArray[np.bool_]) -> Iterator[tuple[int, Tile]]:
+    """The frames of which a bit is set where it is wanted (h, w), each with the rectangle in which that is so."""
+    chosen = np.where(wanted[..., None], bits, np.uint64(0))
+    present = np.bitwise_or.reduce(chosen, axis=(0, 1))
+    for word, some in enumerate(present.tolist()):
+        for bit in range(some.bit_length()):
+            if some >> bit & 1:
+                mask = (chosen[..., word] >> np.uint64(bit)) & np.uint64(1)
+                rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+                yield (
+                    64 * word + bit,
+                    (slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)),
+                )

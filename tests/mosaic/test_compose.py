@@ -9,12 +9,13 @@ import pytest
 from numpy.typing import NDArray
 from turning import frame_of, frames_of, orientation, ring, srgb8
 
-from fullsphere.model.camera import Camera
+from fullsphere.model.camera import Camera, Projection
+from fullsphere.model.cube_map import CubeMap
 from fullsphere.model.lens import FloatArray, Perspective
 from fullsphere.model.remap import remap
 from fullsphere.model.surface import Equirectangular
 from fullsphere.model.workers import thread_pool
-from fullsphere.mosaic.compose import compose, frame_weight
+from fullsphere.mosaic.compose import compose, plan
 from fullsphere.mosaic.project import Frame, Mosaic, Picture
 from laws import fisheye, pixel_rays, smooth_light, smooth_panorama
 
@@ -26,12 +27,12 @@ NARROW = Camera(Perspective(400.0), (500, 400), (249.5, 199.5), half_fov=math.ra
 
 
 def whole(
-    mosaic: Mosaic, surface: Equirectangular = SURFACE, dtype: Any = np.float32, threads: int = 0
+    mosaic: Mosaic, surface: Projection = SURFACE, dtype: Any = np.float32, threads: int = 0, tile_px: int = 512
 ) -> NDArray[Any]:
     if threads == 0:
-        return np.concatenate([band.rows for band in compose(mosaic, surface, dtype)])
+        return np.concatenate([band.rows for band in compose(mosaic, surface, dtype, tile_px=tile_px)])
     with thread_pool(threads) as pool:
-        return np.concatenate([band.rows for band in compose(mosaic, surface, dtype, pool)])
+        return np.concatenate([band.rows for band in compose(mosaic, surface, dtype, pool, tile_px=tile_px)])
 
 
 def mosaic_of(frames: list[Frame], camera: Camera = CAMERA) -> Mosaic:
@@ -88,6 +89,21 @@ def test_bytes_do_not_depend_on_threads(smooth: Mosaic) -> None:
         np.testing.assert_array_equal(whole(smooth, surface, np.uint8, threads), alone)
 
 
+@pytest.mark.parametrize("tile_px", [100, 512, 2048])
+def test_bytes_do_not_depend_on_tiles(smooth: Mosaic, tile_px: int) -> None:
+    surface = Equirectangular((1100, 550))
+    np.testing.assert_array_equal(whole(smooth, surface, tile_px=tile_px), whole(smooth, surface, tile_px=64))
+
+
+def test_any_surface_shows_the_same_sphere(smooth: Mosaic) -> None:
+    for surface in (CubeMap(150), fisheye(300)):
+        result = whole(smooth, surface)
+        rays = pixel_rays(surface)
+        looks = np.isfinite(rays[..., 0])
+        np.testing.assert_array_equal(result[..., 3], looks)
+        np.testing.assert_allclose(result[looks][:, :3], smooth_light(rays[looks]), atol=4e-3)
+
+
 def test_the_same_on_every_sphere_size(smooth: Mosaic) -> None:
     """A pixel of a coarse panorama is the mean of those of a fine one that it covers."""
     coarse, fine = whole(smooth, Equirectangular((200, 100))), whole(smooth)
@@ -113,7 +129,7 @@ def test_alpha_is_what_some_frame_saw() -> None:
     for rotation in ROTATIONS[:2]:
         u, v = np.moveaxis(NARROW.project(rays @ rotation.T), -1, 0)
         with np.errstate(invalid="ignore"):
-            seen |= (u >= 0) & (u <= 499) & (v >= 0) & (v <= 399)
+            seen |= (np.abs(u - 249.5) <= 250) & (np.abs(v - 199.5) <= 200)
             surely |= (u > 2) & (u < 497) & (v > 2) & (v < 397)
     surely &= ~_near_rim(rays)
     assert surely.mean() > 0.1
@@ -187,12 +203,72 @@ def test_clipped_light_gives_way_to_light_in_range() -> None:
     assert np.all(np.abs(result[clipped][:, :3] - truth) < 0.15 * np.maximum(truth - 1, 0) + 0.02)
 
 
-def test_weight_falls_from_the_axis_to_nothing_at_the_rim_and_border() -> None:
-    theta = np.linspace(0, CAMERA.half_fov, 200, dtype=np.float32)[None]
-    middle = np.full((1, 200, 2), 250, np.float32)
-    weight = frame_weight(CAMERA, theta, middle)[0]
-    assert weight[0] == 1
-    assert weight[-1] == 0
-    assert np.all(np.diff(weight) <= 0)
-    border = np.array([[[0, 250], [250, 0], [499, 250], [250, 499], [-3, 250], [math.nan, math.nan]]], np.float32)
-    np.testing.assert_array_equal(frame_weight(CAMERA, np.zeros((1, 6), np.float32), border), 0)
+def test_one_frame_alone_is_itself() -> None:
+    """To the last bit what `remap` makes of it, where nothing is averaged."""
+    (frame,) = frames_of(smooth_light, CAMERA, ROTATIONS[:1])
+    fine = Equirectangular((1600, 800))
+    result = whole(mosaic_of([frame]), fine)
+    expected, weight = remap(frame.load(), CAMERA, fine, ROTATIONS[0].T, "lanczos3")
+    covered = result[..., 3] > 0
+    assert (covered & (weight == 0)).sum() == 0
+    np.testing.assert_allclose(result[covered][:, :3], np.maximum(expected[covered], 0), rtol=1e-6, atol=1e-7)
+
+
+def brightened(k: int, light: FloatArray) -> Picture:
+    """As recorded with exposures that nothing tells of, a fifth apart in the end."""
+    return (light * (1 + 0.04 * k)).astype(np.float32)
+
+
+def test_what_is_left_of_exposures_makes_no_step() -> None:
+    """Grey frames of up to a fifth more light than each other: no edge of more than a hundredth between pixels."""
+    frames = frames_of(lambda rays: np.full((len(rays), 3), 0.3), CAMERA, ROTATIONS, brightened)
+    result = whole(mosaic_of(frames))
+    light = result[..., 0] / 0.3
+    assert light.min() > 0.99
+    assert light.max() < 1.21
+    assert np.ptp(light) > 0.05
+    across = np.abs(np.diff(light, axis=1, append=light[:, :1]))[40:-40]
+    down = np.abs(np.diff(light, axis=0))
+    assert max(across.max(), down.max()) < 0.01
+
+
+@pytest.mark.parametrize("pitch", [90, -90, 0])
+def test_neither_pole_nor_the_360_degree_edge_shows(pitch: float) -> None:
+    """Seen by an ordinary camera, brightness is as smooth there as anywhere."""
+    frames = frames_of(lambda rays: np.full((len(rays), 3), 0.3), CAMERA, ROTATIONS, brightened)
+    view = Camera(Perspective(150.0), (200, 200), (99.5, 99.5), half_fov=math.radians(60))
+    turn = orientation(180 if pitch == 0 else 0, pitch)
+    panorama = whole(mosaic_of(frames), Equirectangular((1600, 800)))
+    seen, _ = remap(np.ascontiguousarray(panorama[..., :3]), Equirectangular((1600, 800)), view, turn)
+    light = seen[..., 0] / 0.3
+    assert max(np.abs(np.diff(light, axis=axis)).max() for axis in (0, 1)) < 0.01
+
+
+def test_a_plan_can_be_used_again(smooth: Mosaic) -> None:
+    bands = compose(smooth, SURFACE, np.float32, shares=plan(smooth))
+    np.testing.assert_array_equal(np.concatenate([band.rows for band in bands]), whole(smooth))
+
+
+def test_brighter_by_as_much_as_is_asked_for(smooth: Mosaic) -> None:
+    result = np.concatenate([band.rows for band in compose(smooth, SURFACE, np.float32, exposure_ev=-1.0)])
+    np.testing.assert_allclose(2 * result[..., :3], whole(smooth)[..., :3], rtol=1e-6)
+
+
+def test_feathered_frames_are_the_scene_too(smooth: Mosaic) -> None:
+    bands = compose(smooth, SURFACE, np.float32, shares=plan(smooth, blend="feather"))
+    result = np.concatenate([band.rows for band in bands])
+    np.testing.assert_array_equal(result[..., 3], 1)
+    np.testing.assert_allclose(result[..., :3], TRUTH, atol=2e-3)
+
+
+def test_feathered_frames_are_mixed_where_both_see() -> None:
+    """Two frames of one direction, one half as bright: what comes out is in the middle."""
+    twice = frames_of(
+        smooth_light, CAMERA, ROTATIONS[[0, 0]], lambda k, light: (light * (1 - 0.5 * k)).astype(np.float32)
+    )
+    mosaic = mosaic_of(twice)
+    bands = compose(mosaic, SURFACE, np.float32, shares=plan(mosaic, blend="feather"))
+    result = np.concatenate([band.rows for band in bands])
+    seen = result[..., 3] > 0
+    off = np.abs(result[seen][:, :3] - 0.75 * TRUTH[seen]).max(-1) > 3e-3
+    assert off.mean() < 1e-4  # but for pixels of the very rim, which one of them fills
