@@ -70,15 +70,19 @@ def run(args: argparse.Namespace) -> int:
 
 
 def write_panorama(path: Path, mosaic: Mosaic, surface: Any, executor: Executor, args: argparse.Namespace) -> None:
-    """Compose a mosaic into a file, in the depth that its frames have and the format holds."""
+    """Compose a mosaic into a file, in the depth and colour space that its frames have and the format holds."""
+    import numpy as np
+
     from fullsphere.model.images import gpano, open_panorama
     from fullsphere.mosaic.compose import compose
+    from fullsphere.mosaic.frame_colour import common_profile
 
     dtype = _depth(path, mosaic)
+    icc_profile = None if dtype is np.float32 else common_profile(mosaic.registered).icc or None
     bands = console.progress(args)(
         compose(mosaic, surface, dtype, executor), title="composing", total=-(-surface.size[1] // 512)
     )
-    with open_panorama(path, surface.size, 4, dtype, gpano(surface.size), args.overwrite) as writer:
+    with open_panorama(path, surface.size, 4, dtype, gpano(surface.size), args.overwrite, icc_profile) as writer:
         for band in bands:
             writer.write_rows(band.top, band.rows)
 
