@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from icc_profiles import ADOBE, gamma, profile
+from icc_profiles import ADOBE, P3, SRGB_CURVE, gamma, parametric, profile
 from turning import frames_of, ring
 
 from fullsphere.cli.stitch import write_panorama
@@ -22,7 +22,7 @@ from laws import fisheye, smooth_light
 
 CAMERA = fisheye(200)
 SPHERE = Equirectangular((200, 100))
-ADOBE_ICC = profile(ADOBE, gamma(2.19921875))
+ADOBE_ICC, P3_ICC = profile(ADOBE, gamma(2.19921875)), profile(P3, parametric(3, SRGB_CURVE))
 
 
 def coloured(rays: FloatArray) -> FloatArray:
@@ -37,6 +37,7 @@ def coloured(rays: FloatArray) -> FloatArray:
         ([ADOBE_ICC] * 4, "tif", np.uint16, ADOBE_ICC),
         ([ADOBE_ICC] * 4, "jpg", np.uint16, ADOBE_ICC),
         ([b""] * 4, "png", np.uint8, None),
+        ([ADOBE_ICC, P3_ICC, b"", P3_ICC], "png", np.uint8, None),
     ],
 )
 def test_the_panorama_shows_the_colours_of_the_scene(
