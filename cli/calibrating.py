@@ -38,8 +38,8 @@ class Found(NamedTuple):
     selection: Selection | None
 
 
-def add_lens_arguments(parser: Any) -> None:
-    """Declare what says how to calibrate, whatever from."""
+def add_lens_arguments(parser: Any, auto: str = "auto to compare all kinds") -> None:
+    """Declare what says how to calibrate, whatever from; `auto` says what that does."""
     parser.add_argument(
         "--target", metavar="SPEC", help="the target in the photos: chessboard:6x8:30mm, target.json ..."
     )
@@ -47,7 +47,7 @@ def add_lens_arguments(parser: Any) -> None:
         "--lens",
         default="bakstein-pajdla",
         metavar="NAME",
-        help="kind of lens, or auto to compare all kinds (default: %(default)s)",
+        help=f"kind of lens, or {auto} (default: %(default)s)",
     )
     parser.add_argument("--bow", action="store_true", help="the flat target may be bowed: solve for that too")
 

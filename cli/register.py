@@ -24,8 +24,6 @@ examples:
   fullsphere register IMG_*.jpg -o project.pto                          to go on in Hugin
 """
 
-_PTO = ".pto"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
@@ -61,31 +59,39 @@ def _registered(args: argparse.Namespace, options: Options, executor: Executor) 
     from fullsphere.mosaic.register import register
 
     frames, (cameras, covariances) = registering.gather(args, executor)
-    return register(frames, cameras, executor, console.progress(args), options, covariances)
+    with registering.told_of_frames(frames):
+        return register(frames, cameras, executor, console.progress(args), options, covariances)
 
 
 def _is_project(args: argparse.Namespace) -> bool:
-    return len(args.frames) == 1 and args.frames[0].suffix.lower() == _PTO
+    return len(args.frames) == 1 and args.frames[0].suffix.lower() == registering.PTO
 
 
 def _project(args: argparse.Namespace, options: Options, executor: Executor) -> Mosaic:
     """A Hugin project's pictures with its lenses, or its control points where it has no pictures here."""
     from fullsphere.model.errors import UsageError
     from fullsphere.mosaic.control_points import register_points
+    from fullsphere.mosaic.frames import refuse_if_fewer
     from fullsphere.mosaic.pto import read_pto
     from fullsphere.mosaic.register import register
 
     if args.camera or args.calibrate or args.dual or args.mask or args.prior:
         raise UsageError("a .pto tells its cameras, circles, masks and angles itself; give its pictures to tell others")
-    project = read_pto(args.frames[0])
+    path = args.frames[0]
+    project = read_pto(path)
     for note in project.notes:
-        messages.warn(f"{args.frames[0]}: {note}")
+        messages.warn(note if note.startswith(f"{path}: ") else f"{path}: {note}")
     if len(project.missing) == len({frame.image for frame in project.frames}):
-        messages.warn(f"{args.frames[0]}: none of its pictures is here; its control points are adjusted alone")
+        messages.warn(
+            f"{path}: none of its {len(project.missing)} pictures is here ({project.missing[0]} ...); its control "
+            "points are adjusted alone"
+        )
         return register_points(project)
     project = project.opened(executor, console.progress(args))
+    refuse_if_fewer(project.frames, 2, f"{path}: a mosaic needs at least two frames")
     cameras = project.cameras if project.calibrated else None
-    return register(project.frames, cameras, executor, console.progress(args), options)
+    with registering.told_of_frames(project.frames):
+        return register(project.frames, cameras, executor, console.progress(args), options)
 
 
 def _written(args: argparse.Namespace, mosaic: Mosaic) -> list[str]:
@@ -95,7 +101,7 @@ def _written(args: argparse.Namespace, mosaic: Mosaic) -> list[str]:
     from fullsphere.mosaic.store import save_mosaic
 
     said = []
-    if args.output.suffix.lower() == _PTO:
+    if args.output.suffix.lower() == registering.PTO:
         errors = write_pto(args.output, mosaic, args.overwrite)
         said.append(f"  Hugin's lens follows the camera to {max(errors.values(), default=0.0):.2f} px")
     else:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -27,6 +28,10 @@ if TYPE_CHECKING:
     from fullsphere.model.lens import FloatArray
     from fullsphere.mosaic.options import Options
     from fullsphere.mosaic.project import Frame, Mosaic
+
+
+PTO = ".pto"
+"""How the name of a Hugin project ends."""
 
 
 class Cameras(NamedTuple):
@@ -56,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="calibrate first: from photos of a --target, or from one CSV of known 3D points and their pixels",
     )
-    add_lens_arguments(parser)
+    add_lens_arguments(parser, auto="with --calibrate auto to compare all kinds")
     parser.add_argument(
         "--refine", action="store_true", help="adjust a calibrated camera too, held by what its calibration knows"
     )
@@ -85,6 +90,8 @@ def check_arguments(args: argparse.Namespace) -> Options:
     from fullsphere.mosaic.options import Options
 
     check_lens(args)
+    if args.lens == AUTO and not args.calibrate:
+        raise UsageError("--lens auto compares lenses by known points; give those with --calibrate, or name a lens")
     if args.target and not args.calibrate:
         raise UsageError("--target says what is in the photos of --calibrate; give those too")
     if args.target and is_table(args.calibrate):
@@ -111,6 +118,7 @@ def inputs_of(args: argparse.Namespace) -> list[Path]:
 
 def gather(args: argparse.Namespace, executor: Executor) -> tuple[list[Frame], Cameras]:
     """The frames as they are asked for, and the cameras that took them."""
+    _refuse_projects(args.frames)
     measured = measure_photos(args, args.calibrate) if args.calibrate and not is_table(args.calibrate) else None
     known = _given(args)
     size = known.cameras[0].size if known.cameras else measured.image_size if measured else None
@@ -119,6 +127,14 @@ def gather(args: argparse.Namespace, executor: Executor) -> tuple[list[Frame], C
     if args.calibrate:
         known = _calibrated(args, measured, frames)
     return frames, known
+
+
+def _refuse_projects(paths: Sequence[Path]) -> None:
+    from fullsphere.model.errors import UsageError
+
+    for path in paths:
+        if path.suffix.lower() == PTO:
+            raise UsageError(f"{path}: a Hugin project is for 'fullsphere register', and has no other frames beside it")
 
 
 def _given(args: argparse.Namespace) -> Cameras:
@@ -191,14 +207,37 @@ def _calibrated(args: argparse.Namespace, measured: Measured | None, frames: Seq
     return Cameras((camera,), (calibration.covariance,))
 
 
+@contextlib.contextmanager
+def told_of_frames(frames: Sequence[Frame]) -> Iterator[None]:
+    """Say of each frame what is wrong with it, if no mosaic comes of them."""
+    from fullsphere.model.errors import GeometryError, InputError
+    from fullsphere.mosaic.unusable import what_is_wrong
+
+    try:
+        yield
+    except GeometryError:
+        for frame in frames:
+            with contextlib.suppress(InputError):  # a file that has gone since
+                wrong = "" if frame.reason else what_is_wrong(frame.load())
+                if wrong:
+                    messages.warn(f"{frame.id} {wrong}")
+        _warn_of_left_out(frames)
+        raise
+
+
 def warn(mosaic: Mosaic) -> bool:
     """Say which frames were left out and what is wrong with the set; whether frames were."""
-    left_out = [frame for frame in mosaic.frames if not frame.registered]
-    for frame in left_out:
-        messages.warn(f"{frame.id} is left out: {frame.reason}")
+    left_out = _warn_of_left_out([frame for frame in mosaic.frames if not frame.registered])
     for sentence in mosaic.diagnosis:
         messages.warn(sentence)
-    return bool(left_out)
+    return left_out
+
+
+def _warn_of_left_out(frames: Sequence[Frame]) -> bool:
+    for frame in frames:
+        if frame.reason:
+            messages.warn(f"{frame.id} is left out: {frame.reason}")
+    return any(frame.reason for frame in frames)
 
 
 def summary(mosaic: Mosaic) -> dict[str, Any]:

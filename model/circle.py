@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from fullsphere.model.camera import Camera
 from fullsphere.model.lens import FloatArray, angle_of_radius
 
-_SEARCH_SIDE_PX = 1000  # the picture is searched at this size: the rim is found to a fraction of a pixel all the same
+SEARCH_SIDE_PX = 1000
+"""Pictures are searched at this size: the rim is found to a fraction of a pixel all the same."""
+
 _DIRECTIONS = 1440
 _TOLERANCE = 0.006  # of the radius: how far a rim point may lie off the circle
 
@@ -31,6 +33,11 @@ class ImageCircle(NamedTuple):
         v, u = np.ogrid[: size[1], : size[0]]
         covered: NDArray[np.bool_] = (u - self.centre[0]) ** 2 + ((v - self.centre[1]) / aspect) ** 2 <= self.radius**2
         return covered
+
+    def scaled(self, factor: float) -> ImageCircle:
+        """The circle in the picture grown by `factor`."""
+        u, v = self.centre
+        return ImageCircle(((u + 0.5) * factor - 0.5, (v + 0.5) * factor - 0.5), self.radius * factor)
 
 
 def within_circle(camera: Camera, circle: ImageCircle | None) -> Camera:
@@ -63,7 +70,7 @@ def find_circle(brightness: NDArray[np.uint8]) -> ImageCircle | None:
     full-frame fisheye picture), and when what is lit is not round.
     """
     height, width = brightness.shape
-    factor = min(1.0, _SEARCH_SIDE_PX / max(height, width))
+    factor = min(1.0, SEARCH_SIDE_PX / max(height, width))
     small = cv2.resize(brightness, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA).astype(np.float32)
     threshold = _lit_threshold(small)
     if threshold is None:
@@ -85,13 +92,18 @@ def find_circle(brightness: NDArray[np.uint8]) -> ImageCircle | None:
     return ImageCircle(((u + 0.5) / fx - 0.5, (v + 0.5) / fy - 0.5), radius / (0.5 * (fx + fy)))
 
 
+def corner_levels(brightness: NDArray[np.uint8] | NDArray[np.float32]) -> tuple[float, float]:
+    """How bright the two darker corners of a picture (h, w) are at most, and how bright what is lit."""
+    side = max(3, min(brightness.shape) // 25)
+    across = (brightness[:side], brightness[-side:])
+    corners = [corner for rows in across for corner in (rows[:, :side], rows[:, -side:])]
+    levels = sorted(float(np.percentile(corner, 90)) for corner in corners)
+    return levels[1], float(np.percentile(brightness, 98))  # a small disc is lit too
+
+
 def _lit_threshold(small: NDArray[np.float32]) -> float | None:
     """The brightness that separates the disc from the dark around it; None when fewer than two corners are dark."""
-    side = max(3, min(small.shape) // 25)
-    corners = [small[:side, :side], small[:side, -side:], small[-side:, :side], small[-side:, -side:]]
-    levels = sorted(float(np.percentile(corner, 90)) for corner in corners)
-    lit = float(np.percentile(small, 98))  # a small disc is lit too
-    dark = levels[1]
+    dark, lit = corner_levels(small)
     if dark > 0.25 * lit or lit < 8:
         return None
     return dark + max(4.0, 0.08 * (lit - dark))

@@ -105,11 +105,12 @@ def of_one_size(frames: Sequence[Frame], wanted: tuple[int, int], asked: str) ->
 
 def without_doubles(frames: Sequence[Frame]) -> list[Frame]:
     """The frames, those left out whose file holds the same bytes as that of an earlier one."""
-    first_with: dict[str, str] = {}
+    first_with: dict[str, Frame] = {}
     kept = []
     for frame in frames:
-        first = first_with.setdefault(frame.sha256, frame.id) if not frame.reason else frame.id
-        kept.append(frame if first == frame.id else frame.left_out(f"is the same file as {first}"))
+        first = frame if frame.reason else first_with.setdefault(frame.sha256, frame)
+        again = "was given twice" if first.image == frame.image else f"is the same file as {first.id}"
+        kept.append(frame if first is frame else frame.left_out(again))
     return kept
 
 

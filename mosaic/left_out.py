@@ -75,9 +75,11 @@ def why_left_out(
     if moved is not None:
         name = frames[moved.frame].id
         return f"was taken from another place: {moved.agreeing} matches with {name} show parallax, no rotation holds"
+    apart = "does not overlap the other frames, or shows another place"
     best = _most_matches(k, evidence, placed)
-    most = f" (the most, {best.agreeing}, with {frames[best.frame].id})" if best is not None else ""
-    return f"does not overlap the other frames, or shows another place: no rotation agrees with its matches{most}"
+    if best is None or not best.agreeing:
+        return f"{apart}: it has no matches with any of them"
+    return f"{apart}: no rotation agrees with its matches (the most, {best.agreeing}, with {frames[best.frame].id})"
 
 
 def _if_mirrored(

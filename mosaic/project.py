@@ -105,8 +105,8 @@ class Link:
     """Two frames i < j that see the same things, and the matched pixels (n, 2) in each.
 
     `j_from_i` (3, 3) turns rays of camera i into rays of camera j.  `held_i` and `held_j` (m, 2) are matches that no
-    fit ever sees, for an honest residual.  `verdict` says how the two frames stand to each other: "rotation",
-    "parallax" (the camera moved between them, or they show near things) or "duplicate".
+    fit ever sees, for an honest residual.  `verdict` says how the two frames stand to each other: "rotation"
+    or "parallax" (the camera moved between them, or they show near things).
     """
 
     i: int

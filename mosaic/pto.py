@@ -148,8 +148,7 @@ def read_pto(path: Path) -> Project:
     images = read_images(lines, path)
     frames = tuple(images.frames)
     missing = tuple(sorted({frame.image for frame in frames if not frame.sha256}))
-    notes = [f"{line.where}: not understood, and skipped" for line in lines if line.kind not in _KNOWN]
-    notes += images.notes + [f"{name}: there is no such file" for name in missing]
+    notes = [f"{line.where}: not understood, and skipped" for line in lines if line.kind not in _KNOWN] + images.notes
     if len(notes) > _MOST_NOTES:
         notes = [*notes[:_MOST_NOTES], f"{len(notes) - _MOST_NOTES} more of the kind"]
     return Project(
@@ -196,7 +195,7 @@ def links_of(
 def _checked(frame: Frame, file: Frame | None, size: tuple[int, int]) -> Frame:
     """The frame with what its file tells, or left out; `size` is that of the file by the project."""
     if file is None:
-        return frame.left_out(f"{frame.image}: there is no such file")
+        return frame.left_out(f"there is no file {frame.image}")
     if file.reason:
         return frame.left_out(file.reason)
     if file.size != size:

@@ -113,6 +113,8 @@ def test_the_same_bytes_under_another_name_are_left_out(tmp_path: Path) -> None:
     (tmp_path / "copy.png").write_bytes(paths[0].read_bytes())
     frames = open_frames([*paths, tmp_path / "copy.png"])
     assert [frame.reason for frame in frames] == ["", "", "is the same file as f0.png"]
+    again = open_frames([*paths, paths[0]])
+    assert [frame.reason for frame in again] == ["", "", "was given twice"]
 
 
 def test_damaged_files_are_left_out_by_name(tmp_path: Path) -> None:

@@ -400,8 +400,7 @@ def test_missing_pictures_are_named_and_left_out(tmp_path: Path) -> None:
     read = read_pto(project(tmp_path, image_line(PanoToolsLens(SIZE, 3, 190), name="sub/gone.jpg")))
     gone = str(tmp_path / "sub/gone.jpg")
     assert read.missing == (gone,)
-    assert f"{gone}: there is no such file" in read.notes
-    assert read.opened().frames[0].reason == f"{gone}: there is no such file"
+    assert read.opened().frames[0].reason == f"there is no file {gone}"
     with pytest.raises(InputError, match=r"gone\.jpg: there is no such file"):
         read.frames[0].load()
 
