@@ -109,8 +109,8 @@ def without_doubles(frames: Sequence[Frame]) -> list[Frame]:
     kept = []
     for frame in frames:
         first = frame if frame.reason else first_with.setdefault(frame.sha256, frame)
-        again = "was given twice" if first.image == frame.image else f"is the same file as {first.id}"
-        kept.append(frame if first is frame else frame.left_out(again))
+        same = f"is {first.id} given again" if first.image == frame.image else f"is the same file as {first.id}"
+        kept.append(frame if first is frame else frame.left_out(same))
     return kept
 
 
@@ -127,9 +127,15 @@ def refuse_if_fewer(frames: Sequence[Frame], least: int, need: str) -> None:
 
 
 def _unique_names(paths: Sequence[Path]) -> list[str]:
-    """File names, with the folder before them where two files have one name."""
-    often = Counter(path.name for path in paths)
-    return [path.name if often[path.name] == 1 else path.as_posix() for path in paths]
+    """File names, with the folder before them where two files have one name; a file given again is numbered."""
+    often = Counter(path.name for path in dict.fromkeys(paths))
+    times: Counter[Path] = Counter()
+    names = []
+    for path in paths:
+        times[path] += 1
+        name = path.name if often[path.name] == 1 else path.as_posix()
+        names.append(name if times[path] == 1 else f"{name}:{times[path]}")
+    return names
 
 
 def _read(named: tuple[str, Path]) -> Frame:

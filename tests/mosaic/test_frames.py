@@ -114,7 +114,8 @@ def test_the_same_bytes_under_another_name_are_left_out(tmp_path: Path) -> None:
     frames = open_frames([*paths, tmp_path / "copy.png"])
     assert [frame.reason for frame in frames] == ["", "", "is the same file as f0.png"]
     again = open_frames([*paths, paths[0]])
-    assert [frame.reason for frame in again] == ["", "", "was given twice"]
+    assert [frame.reason for frame in again] == ["", "", "is f0.png given again"]
+    assert [frame.id for frame in again] == ["f0.png", "f1.png", "f0.png:2"]
 
 
 def test_damaged_files_are_left_out_by_name(tmp_path: Path) -> None:
