@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -258,75 +257,3 @@ def test_a_mask_of_another_size_is_refused_by_both_sizes(
     assert f"{mask}: is a mask of 30 x 20 pixels" in run.error_line
     assert "640 x 640" in run.error_line
     assert not (tmp_path / "m.json").exists()
-
-
-@pytest.fixture(scope="module")
-def project(room_set: Set) -> str:
-    """A Hugin project beside the frames, which lie in its folder."""
-    path = room_set.camera_file.parent / "set.pto"
-    assert main(["register", *map(str, room_set.frames), "-o", str(path), "--camera", str(room_set.camera_file)]) == 0
-    return path.read_text()
-
-
-def changed(room_set: Set, project: str, *changes: tuple[str, str]) -> Path:
-    for old, new in changes:
-        assert old in project
-        project = project.replace(old, new)
-    path = room_set.camera_file.parent / "changed.pto"
-    path.write_text(project)
-    return path
-
-
-def test_a_project_without_some_of_its_pictures_goes_on_with_the_others(
-    room_set: Set, project: str, fullsphere: Run, tmp_path: Path
-) -> None:
-    path = changed(room_set, project, ("frame_3.jpg", "gone.jpg"))
-    run = fullsphere("register", path, "-o", tmp_path / "m.json", "--json")
-    assert run.code == 0
-    summary: dict[str, Any] = json.loads(run.out)
-    assert summary["registered"] == 4
-    (name, reason), *others = summary["left_out"].items()
-    assert others == []
-    assert "gone.jpg" in name
-    assert reason == f"there is no file {path.parent / 'gone.jpg'}"
-    kept = [k for k in range(5) if k != 3]
-    truth = [room_set.shots[k].camera_from_world for k in kept]
-    errors = errors_deg(load_mosaic(tmp_path / "m.json"), [room_set.frames[k] for k in kept], truth)
-    assert errors.max() < 0.03
-
-
-def test_a_project_without_pictures_is_adjusted_by_its_points_and_says_so_once(
-    room_set: Set, project: str, fullsphere: Run, tmp_path: Path
-) -> None:
-    run = fullsphere("register", changed(room_set, project, ('n"', 'n"away/')), "-o", tmp_path / "m.json")
-    assert run.code == 0
-    assert len(run.warnings) == 1
-    assert "none of its 5 pictures is here" in run.warnings[0]
-    found = [frame.camera_from_world for frame in load_mosaic(tmp_path / "m.json").frames]
-    angles, _ = rotation_errors_deg(
-        [rotation for rotation in found if rotation is not None], [shot.camera_from_world for shot in room_set.shots]
-    )
-    assert len(angles) == 5
-    assert angles.max() < 0.03
-
-
-def test_a_project_with_one_picture_left_is_no_mosaic(
-    room_set: Set, project: str, fullsphere: Run, tmp_path: Path
-) -> None:
-    path = changed(room_set, project, *((f"frame_{k}.jpg", f"gone_{k}.jpg") for k in range(1, 5)))
-    run = fullsphere("register", path, "-o", tmp_path / "m.json")
-    assert run.code == 3
-    assert "1 of the 5 given can be used" in run.error_line
-    assert "there is no file" in run.error_line
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_lines_of_a_project_that_nobody_knows_are_told_and_skipped(
-    room_set: Set, project: str, fullsphere: Run, tmp_path: Path
-) -> None:
-    path = changed(room_set, project + "\nz made by a newer program\n")
-    run = fullsphere("register", path, "-o", tmp_path / "m.json")
-    assert run.code == 0
-    assert len(run.warnings) == 1
-    assert f"{path}: line {len(project.splitlines()) + 2}: not understood, and skipped" in run.warnings[0]
-    assert len(load_mosaic(tmp_path / "m.json").registered) == 5
