@@ -134,8 +134,7 @@ def _stitch(
     args: argparse.Namespace, folder: Path, camera: Camera, calibrated: Camera, executor: Executor
 ) -> tuple[Mosaic, list[tuple[str, float, str]]]:
     """Photograph the room, stitch the frames, and measure the result."""
-    from fullsphere.cli.stitch import write_panorama
-    from fullsphere.model.surface import Equirectangular
+    from fullsphere.cli.composing import plain, write_panorama
     from fullsphere.mosaic.frames import open_frames
     from fullsphere.mosaic.stitch import solve
     from fullsphere.mosaic.store import save_mosaic
@@ -149,8 +148,7 @@ def _stitch(
     for path, shot in progress(zip(paths, shots, strict=True), title="photographing", total=_FRAMES):
         _write_picture(path, _frame(room, camera, shot, executor), args)
     mosaic = solve(open_frames(paths, calibrated.size, executor, progress), calibrated, executor, progress)
-    surface = Equirectangular((_PANORAMA_PX, _PANORAMA_PX // 2))
-    write_panorama(folder / "panorama.tif", mosaic, surface, executor, args)
+    write_panorama(folder / "panorama.tif", mosaic, plain(_PANORAMA_PX), executor, args)
     save_mosaic(folder / "mosaic.json", mosaic, args.overwrite)
     return mosaic, _errors(args, folder, mosaic, room, shots, executor)
 

@@ -26,6 +26,7 @@ COMMANDS = {
     "target": "print a calibration target at true scale",
     "calibrate": "find the camera of a lens from known 3D points in its pictures",
     "register": "find how the camera was turned for each frame of a panorama",
+    "compose": "make the panorama of a mosaic.json that was registered",
     "stitch": "turn the frames of a rotating camera into a panorama of the whole sphere",
     "remap": "resample pictures or video frames from any projection to any other",
     "inspect": "say what a camera, mosaic, target or picture file holds, or how two cameras differ",

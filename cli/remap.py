@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import re
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fullsphere.cli import console, messages
 from fullsphere.cli.remap_source import crop, scale
+from fullsphere.cli.viewer_metadata import viewer_metadata
 from fullsphere.model.projection_help import PROJECTIONS_HELP
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ def _run_pictures(args: argparse.Namespace) -> int:
         work = Work(
             _remapper(args, way, args.memory if several else 0, executor),
             lambda name, size: check_size(name, size, way.source, args.source, args.changes or ()),
-            _attributes(way.target),
+            viewer_metadata(way.target),
             not args.no_alpha,
             args.compression,
             args.overwrite,
@@ -192,24 +192,6 @@ def _run_pictures(args: argparse.Namespace) -> int:
             bands = -(-way.target.size[1] // BAND_ROWS)
             outcomes = [remap_one(jobs[0], work, lambda items: progress(items, title="remapping", total=bands))]
     return _report(args, way.target.size, outcomes)
-
-
-def _attributes(target: Projection) -> dict[str, Any]:
-    """What a viewer needs to know of a target: GPano for the sphere or a window of it, whose pixels are square."""
-    from fullsphere.model.images import gpano
-    from fullsphere.model.surface import Equirectangular
-
-    if not isinstance(target, Equirectangular):
-        return {}
-    if target.whole:
-        return gpano(target.size)
-    (left, right), (bottom, top), (width, height) = target.longitudes, target.latitudes, target.size
-    per_radian = width / (right - left)
-    whole = (2 * round(math.pi * per_radian), round(math.pi * per_radian))
-    x, y = round((left + math.pi) * per_radian), round((math.pi / 2 - top) * per_radian)
-    square = abs(height / (top - bottom) / per_radian - 1) < 0.5 / max(width, height)
-    inside = 0 <= x <= whole[0] - width and 0 <= y <= whole[1] - height
-    return gpano(whole, (x, y, width, height)) if square and inside else {}
 
 
 def _report(args: argparse.Namespace, size: tuple[int, int], outcomes: list[Outcome]) -> int:

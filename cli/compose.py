@@ -1,0 +1,46 @@
+"""`fullsphere compose`: mosaic.json -> the panorama of its frames."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fullsphere.cli import composing, console
+
+if TYPE_CHECKING:
+    from fullsphere.mosaic.project import Mosaic
+
+EPILOG = """\
+examples:
+  fullsphere compose mosaic.json -o pano.tif                    as large as the frames resolve, in their depth
+  fullsphere compose mosaic.json -o pano.jpg --size 8192
+  fullsphere compose mosaic.json -o view.png --to perspective:1920x1080:hfov=90:yaw=30
+  fullsphere compose mosaic.json -o planet.jpg --to littleplanet:2048
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("mosaic", type=Path, metavar="MOSAIC.json", help="what 'register' or 'stitch --mosaic' wrote")
+    composing.add_arguments(parser, composing.AUTO)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry out the command."""
+    from fullsphere.model.files import check_output
+    from fullsphere.model.workers import thread_pool
+    from fullsphere.mosaic.store import load_mosaic
+
+    wanted = composing.check_arguments(args, None)
+    mosaic = load_mosaic(args.mosaic)
+    check_output(args.output, args.overwrite, [args.mosaic, *composing.files_of(mosaic)])
+    with thread_pool(args.threads) as executor:
+        composing.check_frames(mosaic, args.mosaic)
+        written = composing.write_panorama(args.output, mosaic, wanted, executor, args)
+    console.report(args, _summary(args, mosaic, written), [f"{args.output}: {composing.described(written)}"])
+    return console.done(args, with_warnings=False)
+
+
+def _summary(args: argparse.Namespace, mosaic: Mosaic, written: composing.Written) -> dict[str, object]:
+    return {"panorama": str(args.output), "frames": len(mosaic.registered), **composing.summary(written)}
