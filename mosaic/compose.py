@@ -7,6 +7,8 @@ the same bytes come out for any number of threads.
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import math
 from collections.abc import Iterator
 from concurrent.futures import Executor
@@ -17,11 +19,12 @@ from numpy.typing import NDArray
 
 from fullsphere.model.camera import Projection
 from fullsphere.model.colour import encoded_from_linear
-from fullsphere.model.positions import Geometry, fast
+from fullsphere.model.positions import Geometry, Positions, fast
 from fullsphere.model.remap import TILE_PX, Tile, tiles
 from fullsphere.model.sampling_kernels import LANCZOS3
 from fullsphere.model.source_picture import BORDER
 from fullsphere.model.workers import ordered_map
+from fullsphere.mosaic.alignment import local_shifts
 from fullsphere.mosaic.compose_kernels import add_frame
 from fullsphere.mosaic.frame_colour import common_profile
 from fullsphere.mosaic.frame_light import FrameLights, Gain, gain_of
@@ -29,6 +32,7 @@ from fullsphere.mosaic.overview import RIM, overviews, working_sphere
 from fullsphere.mosaic.project import Frame, Mosaic
 from fullsphere.mosaic.seams import find_owners
 from fullsphere.mosaic.shares import FLOOR, Share, Shares, feathered, shares_of
+from fullsphere.mosaic.shift import Shift
 
 FRAME_BYTES = 1 << 30
 """Memory for frames; one that does not fit any more is opened again when it is needed."""
@@ -55,7 +59,11 @@ def plan(mosaic: Mosaic, executor: Executor | None = None, blend: Blend = "multi
     seen = overviews(mosaic, sphere, executor)
     if blend == "feather":
         return feathered(seen, sphere)
-    return shares_of(seen, find_owners(seen, executor), sphere, executor)
+    owners = find_owners(seen, executor)
+    shifts = local_shifts(mosaic, owners, sphere, executor)
+    if any(shifts):
+        seen = overviews(mosaic, sphere, executor, shifts)
+    return dataclasses.replace(shares_of(seen, owners, sphere, executor), shifts=shifts)
 
 
 def compose(
@@ -123,6 +131,7 @@ class _Source(NamedTuple):
     gain: Gain
     axis: NDArray[np.float64]
     z_rim: float
+    shift: Shift | None
 
 
 class _Sampled(NamedTuple):
@@ -143,7 +152,10 @@ class _Composer:
     ) -> None:
         self._shares, self._lights, self._brightness = shares, lights, np.float32(brightness)
         self._surface = fast(surface)
-        self._sources = [_source(mosaic, frame, surface) for frame in mosaic.registered]
+        self._sources = [
+            _source(mosaic, frame, surface, shift)
+            for frame, shift in itertools.zip_longest(mosaic.registered, shares.shifts)
+        ]
 
     def tile(self, tile: Tile) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """The light (h, w, 3) of a tile, and where any frame shows something (h, w)."""
@@ -231,6 +243,9 @@ class _Composer:
         )  # with those around, from which the sampler takes the footprints
         if found is None:
             return None
+        if source.shift is not None:
+            u, v = source.shift.moved(found.u, found.v, source.frame.size, BORDER)
+            found = Positions(u, v, all_seen=False)
         light = self._lights.of(source.frame)
         codes = light.picture.sampled(found.u, found.v, LANCZOS3, shape)
         full = 1.0 if codes.dtype.kind == "f" else float(np.iinfo(codes.dtype).max)
@@ -238,11 +253,12 @@ class _Composer:
         return _Sampled(codes, light.light_of_code, _OPAQUE * full, found.inner.u, z)
 
 
-def _source(mosaic: Mosaic, frame: Frame, surface: Projection) -> _Source:
+def _source(mosaic: Mosaic, frame: Frame, surface: Projection, shift: Shift | None) -> _Source:
     assert frame.camera_from_world is not None
     camera = mosaic.cameras[frame.camera]
     geometry = Geometry(camera, surface, frame.camera_from_world, BORDER)
-    return _Source(frame, geometry, gain_of(mosaic, frame), frame.camera_from_world[2], math.cos(camera.half_fov - RIM))
+    z_rim = math.cos(camera.half_fov - RIM)
+    return _Source(frame, geometry, gain_of(mosaic, frame), frame.camera_from_world[2], z_rim, shift)
 
 
 def _places(at: NDArray[np.float32], size: tuple[int, int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

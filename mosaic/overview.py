@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from typing import NamedTuple
 
@@ -15,13 +17,14 @@ from fullsphere.model.camera import Camera
 from fullsphere.model.colour import decoding_table
 from fullsphere.model.icc import SRGB, Profile
 from fullsphere.model.lens import FloatArray
-from fullsphere.model.positions import Geometry
+from fullsphere.model.positions import Geometry, Positions
 from fullsphere.model.surface import Equirectangular
 from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.frame_colour import common_profile
 from fullsphere.mosaic.frame_light import Gain, codes_of, gain_of
 from fullsphere.mosaic.overview_kernels import reduced_light
 from fullsphere.mosaic.project import Frame, Mosaic
+from fullsphere.mosaic.shift import Shift
 
 RIM = math.radians(0.7)
 """The last of a field of view, which is dark and soft in every lens: nothing is taken from there."""
@@ -55,8 +58,12 @@ class Overview:
         return self.quality > 0
 
 
-class _Reduced(NamedTuple):
-    light: NDArray[np.float32]  # of the pixels that count, times their share
+class Reduced(NamedTuple):
+    """A frame made `factor` times smaller: its light (h, w, 3) times the share that counts, that share, and how much
+    of it is clipped (h, w).
+    """
+
+    light: NDArray[np.float32]
     seen: NDArray[np.float32]
     clipped: NDArray[np.float32]
     factor: int
@@ -70,19 +77,32 @@ def working_sphere(frames: int) -> Equirectangular:
     return Equirectangular((width, width // 2))
 
 
-def overviews(mosaic: Mosaic, sphere: Equirectangular, executor: Executor | None = None) -> list[Overview]:
-    """The registered frames of a mosaic on the working sphere, each opened once, side by side on `executor`."""
+def overviews(
+    mosaic: Mosaic, sphere: Equirectangular, executor: Executor | None = None, shifts: Sequence[Shift | None] = ()
+) -> list[Overview]:
+    """The registered frames of a mosaic on the working sphere, each opened once, side by side on `executor`.
+
+    Each is read aside by its shift, if there are any.
+    """
     finest = max(float(_density(camera, np.linspace(0, camera.half_fov, 200)).max()) for camera in mosaic.cameras)
     profile = common_profile(mosaic.registered)
 
-    def made(frame: Frame) -> Overview:
-        return overview_of(frame, mosaic.cameras[frame.camera], gain_of(mosaic, frame), sphere, finest, profile)
+    def made(each: tuple[Frame, Shift | None]) -> Overview:
+        frame, shift = each
+        camera = mosaic.cameras[frame.camera]
+        return overview_of(frame, camera, gain_of(mosaic, frame), sphere, finest, profile, shift)
 
-    return list(ordered_map(executor, made, mosaic.registered, ahead=4))
+    return list(ordered_map(executor, made, itertools.zip_longest(mosaic.registered, shifts), ahead=4))
 
 
 def overview_of(
-    frame: Frame, camera: Camera, gain: Gain, sphere: Equirectangular, finest: float, profile: Profile = SRGB
+    frame: Frame,
+    camera: Camera,
+    gain: Gain,
+    sphere: Equirectangular,
+    finest: float,
+    profile: Profile = SRGB,
+    shift: Shift | None = None,
 ) -> Overview:
     """One registered frame on the working sphere, its light in the primaries of `profile`.
 
@@ -94,10 +114,12 @@ def overview_of(
     found = Geometry(camera, sphere, frame.camera_from_world, 0).positions(slice(0, height), slice(0, width))
     if found is None:
         return Overview(light, quality)
+    if shift is not None:
+        found = Positions(*shift.moved(found.u, found.v, camera.size), all_seen=False)
     z = sphere.window_rays(slice(0, width), slice(0, height)) @ frame.camera_from_world[2]
     rim = camera.half_fov - RIM
     inside = np.isfinite(found.u) & (z > math.cos(rim))
-    reduced = _reduced(frame, camera, rim, sphere, profile)
+    reduced = reduced_frame(frame, camera, _factor(camera, sphere), profile)
     to_reduced = [
         (np.where(inside, at, 0).astype(np.float32) + 0.5) / reduced.factor - 0.5 for at in (found.u, found.v)
     ]
@@ -133,17 +155,21 @@ def _density(camera: Camera, theta: FloatArray) -> FloatArray:
     return np.sqrt(np.maximum(camera.lens.radius(safe) * camera.lens.slope(safe) / np.sin(safe), 0) * camera.aspect)
 
 
-def _reduced(frame: Frame, camera: Camera, rim: float, sphere: Equirectangular, profile: Profile) -> _Reduced:
-    """The frame's light made so small that a pixel is about one of the working sphere's."""
+def reduced_frame(frame: Frame, camera: Camera, factor: int, profile: Profile = SRGB) -> Reduced:
+    """The light of a frame as it was recorded, averaged over squares of `factor` pixels."""
     codes = codes_of(frame, profile)
-    per_radian = sphere.size[0] / (2 * math.pi)
-    factor = max(1, int(float(_density(camera, np.array([rim / 2]))[0]) / per_radian))
     height, width = codes.shape[0] // factor, codes.shape[1] // factor
     light, seen = np.empty((height, width, 3), np.float32), np.empty((height, width), np.float32)
     clipped = np.empty_like(seen)
     white = math.inf if codes.dtype.kind == "f" else _WHITE * np.iinfo(codes.dtype).max
-    radius = float(camera.lens.radius(rim))
+    radius = float(camera.lens.radius(camera.half_fov - RIM))
     disc = np.array([*camera.centre, camera.aspect, radius * radius])
     reduced_light(codes, decoding_table(codes.dtype, profile), white, disc, factor, light, seen, clipped)
     light *= seen[..., None]
-    return _Reduced(light, seen, clipped, factor)
+    return Reduced(light, seen, clipped, factor)
+
+
+def _factor(camera: Camera, sphere: Equirectangular) -> int:
+    """How much smaller a frame is to be, so that a pixel is about one of the working sphere's."""
+    per_radian = sphere.size[0] / (2 * math.pi)
+    return max(1, int(float(_density(camera, np.array([(camera.half_fov - RIM) / 2]))[0]) / per_radian))

@@ -26,6 +26,7 @@ from fullsphere.model.surface import Equirectangular
 from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.blend import Bands, MultiBand, filled
 from fullsphere.mosaic.overview import Overview
+from fullsphere.mosaic.shift import Shift
 from fullsphere.mosaic.sphere_pyramid import expand, reduce
 
 FLOOR = 0.02
@@ -63,6 +64,8 @@ class Shares:
         The share of each frame; None of one that gives nothing.
     owning, seeing
         (H, W, n) bits: the frames that may own something near a pixel, and those that may see something.
+    shifts
+        By how much each frame is read aside, so that it meets its neighbours; empty for not at all.
     """
 
     sphere: Equirectangular
@@ -70,6 +73,7 @@ class Shares:
     of: tuple[Share | None, ...]
     owning: NDArray[np.uint64]
     seeing: NDArray[np.uint64]
+    shifts: tuple[Shift | None, ...] = ()
 
 
 def shares_of(
