@@ -69,7 +69,8 @@ def test_frames_meet_at_their_seams(disagreeing: Mosaic) -> None:
     rays = pixel_rays(SPHERE)
     rows, columns = np.nonzero(owners != np.roll(owners, -1, 1))
     equator = np.abs(rows - 64) < 35
-    before, after = [], []
+    before: list[float] = []
+    after: list[float] = []
     for row, column in zip(rows[equator], columns[equator], strict=True):
         i, j = int(owners[row, column]), int(owners[row, (column + 1) % 256])
         ray = rays[row, column][None]
