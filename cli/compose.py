@@ -17,12 +17,20 @@ examples:
   fullsphere compose mosaic.json -o pano.jpg --size 8192
   fullsphere compose mosaic.json -o view.png --to perspective:1920x1080:hfov=90:yaw=30
   fullsphere compose mosaic.json -o planet.jpg --to littleplanet:2048
+  fullsphere compose mosaic.json --frames NEW_*.jpg -o next.tif  the next turn of the same head
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("mosaic", type=Path, metavar="MOSAIC.json", help="what 'register' or 'stitch --mosaic' wrote")
+    parser.add_argument(
+        "--frames",
+        nargs="+",
+        type=Path,
+        metavar="NEW",
+        help="new pictures of the same rig and positions instead of the registered ones, in their order",
+    )
     composing.add_arguments(parser, composing.AUTO)
 
 
@@ -30,13 +38,17 @@ def run(args: argparse.Namespace) -> int:
     """Carry out the command."""
     from fullsphere.model.files import check_output
     from fullsphere.model.workers import thread_pool
+    from fullsphere.mosaic.reuse import with_pictures
     from fullsphere.mosaic.store import load_mosaic
 
     wanted = composing.check_arguments(args, None)
     mosaic = load_mosaic(args.mosaic)
-    check_output(args.output, args.overwrite, [args.mosaic, *composing.files_of(mosaic)])
+    composing.check_frames(mosaic, args.mosaic, args.frames or ())
+    check_output(args.output, args.overwrite, [args.mosaic, *composing.files_of(mosaic, args.frames or ())])
     with thread_pool(args.threads) as executor:
-        composing.check_frames(mosaic, args.mosaic)
+        if args.frames:
+            console.say(args, f"measuring the light of {console.counted(len(args.frames), 'new picture')}")
+            mosaic = with_pictures(mosaic, args.frames, executor)
         written = composing.write_panorama(args.output, mosaic, wanted, executor, args)
     console.report(args, _summary(args, mosaic, written), [f"{args.output}: {composing.described(written)}"])
     return console.done(args, with_warnings=False)

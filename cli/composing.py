@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -140,12 +140,13 @@ def plain(width: int) -> Wanted:
     return Wanted(whole_sphere(width), Exposure(), "multiband", None, None)
 
 
-def files_of(mosaic: Mosaic) -> list[Path]:
-    """The files that are read, none of which may be written over."""
-    return [Path(name) for frame in mosaic.registered for name in (frame.image, frame.mask_image) if name]
+def files_of(mosaic: Mosaic, instead: Sequence[Path] = ()) -> list[Path]:
+    """The files that are read, none of which may be written over; `instead` of the registered pictures, if any."""
+    masks = [Path(frame.mask_image) for frame in mosaic.registered if frame.mask_image]
+    return [*(instead or [Path(frame.image) for frame in mosaic.registered]), *masks]
 
 
-def check_frames(mosaic: Mosaic, path: Path) -> None:
+def check_frames(mosaic: Mosaic, path: Path, instead: Sequence[Path] = ()) -> None:
     """Make sure that there are frames to compose, and all their files; what is in them is checked when it is read.
 
     Raises
@@ -157,11 +158,14 @@ def check_frames(mosaic: Mosaic, path: Path) -> None:
 
     if not mosaic.registered:
         raise InputError(f"{path}: no frame of it is registered, so there is nothing to compose; register others")
-    for name in files_of(mosaic):
-        if not name.exists():
-            raise InputError(
-                f"{name}: there is no such file, and {path} needs it; put it there again, or change its place in {path}"
-            )
+    for name in files_of(mosaic, instead):
+        if name.exists():
+            continue
+        if name in instead:
+            raise InputError(f"{name}: there is no such file; check the name")
+        raise InputError(
+            f"{name}: there is no such file, and {path} needs it; put it there again, or change its place in {path}"
+        )
 
 
 def whole_sphere(width: int) -> Placed:

@@ -56,11 +56,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _registered(args: argparse.Namespace, options: Options, executor: Executor) -> Mosaic:
-    from fullsphere.mosaic.register import register
+    from fullsphere.mosaic.stitch import solve
 
     frames, (cameras, covariances) = registering.gather(args, executor)
     with registering.told_of_frames(frames):
-        return register(frames, cameras, executor, console.progress(args), options, covariances)
+        return solve(frames, cameras, executor, console.progress(args), options, covariances)
 
 
 def _is_project(args: argparse.Namespace) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 
 from fullsphere.model.camera import Projection
 from fullsphere.model.lens import FloatArray
+from fullsphere.mosaic.alignment import local_shifts
 from fullsphere.mosaic.compose import Blend
 from fullsphere.mosaic.overview import overviews, working_sphere
 from fullsphere.mosaic.project import Mosaic
@@ -49,7 +50,12 @@ def planned(
     brighter = reference_ev(mosaic, exposure, seen)
     if blend == "feather":
         return Plan(mosaic, feathered(seen, sphere), brighter)
-    return Plan(mosaic, shares_of(seen, find_owners(seen, executor), sphere, executor), brighter)
+    owners = find_owners(seen, executor)
+    shifts = local_shifts(mosaic, owners, sphere, executor)
+    if any(shifts):
+        seen = overviews(mosaic, sphere, executor, shifts)
+    shares = dataclasses.replace(shares_of(seen, owners, sphere, executor), shifts=shifts)
+    return Plan(mosaic, shares, brighter)
 
 
 def turned_to(mosaic: Mosaic, world_from_surface: FloatArray) -> Mosaic:

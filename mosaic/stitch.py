@@ -25,14 +25,18 @@ def solve(
     covariances: Sequence[FloatArray | None] = (),
 ) -> Mosaic:
     """Register the frames and even out how they recorded the light; see `register` for the parameters and errors."""
-    mosaic = register(frames, cameras, executor, progress, options, covariances)
+    mosaic = evened_out(register(frames, cameras, executor, progress, options, covariances), executor)
+    return dataclasses.replace(mosaic, diagnosis=mosaic.diagnosis + colour_notes(mosaic.registered))
+
+
+def evened_out(mosaic: Mosaic, executor: Executor | None = None) -> Mosaic:
+    """The mosaic with exposures, white balance and vignetting as its registered frames tell them."""
     photometry = estimate_photometry(mosaic.registered, mosaic.cameras, executor)
     found = iter(zip(photometry.exposure_ev.tolist(), photometry.white_balance.tolist(), strict=True))
     return dataclasses.replace(
         mosaic,
         frames=tuple(_evened(frame, *next(found)) if frame.registered else frame for frame in mosaic.frames),
         vignetting_ev=photometry.vignetting_ev,
-        diagnosis=mosaic.diagnosis + colour_notes(mosaic.registered),
     )
 
 

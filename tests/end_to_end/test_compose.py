@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from projects import NOTED, coloured, project_in
+from projects import NOTED, coloured, frame_files, project_in
 from rooms import Outcome
 
-from fullsphere.model.images import linear_from_encoded, open_picture, read_picture
+from fullsphere.model.files import sha256_of
+from fullsphere.model.images import linear_from_encoded, open_panorama, open_picture, read_picture
+from fullsphere.model.lens import FloatArray
 from fullsphere.model.projection_text import parse_projection
-from fullsphere.mosaic.store import load_mosaic
+from fullsphere.mosaic.store import load_mosaic, save_mosaic
 
 Run = Callable[..., Outcome]
 
@@ -161,3 +164,117 @@ def test_an_output_that_exists_or_is_an_input_is_left_alone(project: Path, fulls
     assert run.code == 5
     assert "is an input of this run" in run.error_line
     assert frame.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("harm", "said"),
+    [
+        (lambda path: path.unlink(), "there is no such file, and"),
+        (lambda path: path.write_bytes(path.read_bytes() + b"x"), "its content has changed"),
+    ],
+)
+def test_a_picture_that_went_or_changed_is_named(
+    harm: Callable[[Path], None], said: str, fullsphere: Run, tmp_path: Path
+) -> None:
+    own = project_in(tmp_path / "own")
+    harm(tmp_path / "own" / "frame_2.tif")
+    run = fullsphere("compose", own, "-o", tmp_path / "p.tif", "--size", 128)
+    assert run.code == 3
+    assert said in run.error_line
+    assert "frame_2.tif" in run.error_line
+    assert not (tmp_path / "p.tif").exists()
+
+
+def test_a_mosaic_without_registered_frames_is_refused(fullsphere: Run, tmp_path: Path) -> None:
+    own = project_in(tmp_path / "own")
+    mosaic = load_mosaic(own)
+    frames = tuple(frame.left_out("is too dark") for frame in mosaic.frames)
+    save_mosaic(own, dataclasses.replace(mosaic, frames=frames), overwrite=True)
+    run = fullsphere("compose", own, "-o", tmp_path / "p.tif")
+    assert (run.code, "nothing to compose" in run.error_line) == (3, True)
+
+
+def test_a_window_that_nobody_sees_is_refused(fullsphere: Run, tmp_path: Path) -> None:
+    ahead = project_in(tmp_path / "ahead", 1)
+    surface = "perspective:100:hfov=60:yaw=180"
+    run = fullsphere("compose", ahead, "-o", tmp_path / "p.tif", "--to", surface)
+    assert (run.code, "no frame sees anything" in run.error_line) == (2, True)
+    assert not (tmp_path / "p.tif").exists()
+
+
+def test_frames_of_several_depths_make_the_deepest(fullsphere: Run, tmp_path: Path) -> None:
+    own = project_in(tmp_path / "own")
+    deep = project_in(tmp_path / "deep", dtype=np.uint16)
+    frames = (*load_mosaic(own).frames[:2], *load_mosaic(deep).frames[2:])
+    save_mosaic(own, dataclasses.replace(load_mosaic(own), frames=frames), overwrite=True)
+    run = fullsphere("compose", own, "-o", tmp_path / "p.tif", "--size", 200)
+    assert run.code == 0, run.err
+    assert "several depths (uint8, uint16)" in run.warnings[0]
+    assert read_picture(tmp_path / "p.tif").pixels.dtype == np.uint16
+    assert worst_error(tmp_path / "p.tif", "equirectangular:200") < 0.02
+
+
+# --- new pictures of a solved project -------------------------------------------------------------------------------
+
+
+def turned_colours(rays: FloatArray) -> FloatArray:
+    return coloured(rays)[..., ::-1]
+
+
+def test_new_pictures_take_the_place_of_the_registered_ones(project: Path, fullsphere: Run, tmp_path: Path) -> None:
+    project_in(tmp_path / "new", 4, "png", scene=turned_colours, exposures_ev=(-0.2, 0.1, 0.3, 0.0))
+    new = frame_files(tmp_path / "new", "png")
+    run = fullsphere("compose", project, "--frames", *new, "-o", tmp_path / "p.tif", "--size", 200)
+    assert run.code == 0, run.err
+    picture = read_picture(tmp_path / "p.tif")
+    light = linear_from_encoded(picture.pixels)[..., :3]
+    surface = parse_projection("equirectangular:200").projection
+    v, u = np.mgrid[:100, :200].astype(float)
+    truth = turned_colours(surface.unproject(np.stack([u, v], -1)))
+    ratio = light / truth
+    assert ratio.std() / ratio.mean() < 0.02  # brightness as a whole is a choice
+
+
+@pytest.mark.parametrize(
+    ("count", "side", "code", "said"),
+    [(3, None, 2, "3 pictures given for the 4"), (4, 120, 3, "is 120 x 120 pixels"), (5, None, 2, "5 pictures")],
+)
+def test_new_pictures_that_do_not_fit_are_refused(
+    count: int, side: int | None, code: int, said: str, project: Path, fullsphere: Run, tmp_path: Path
+) -> None:
+    project_in(tmp_path / "new", 5)
+    new = frame_files(tmp_path / "new")[:count]
+    if side:
+        small = read_picture(new[1]).pixels[:side, :side]
+        with open_panorama(new[1], (side, side), 3, np.uint8, {}, overwrite=True) as writer:
+            writer.write_rows(0, small)
+    run = fullsphere("compose", project, "--frames", *new, "-o", tmp_path / "p.tif", "--size", 200)
+    assert (run.code, said in run.error_line) == (code, True), run.err
+    assert not (tmp_path / "p.tif").exists()
+
+
+def test_new_circles_of_one_picture_share_it(fullsphere: Run, tmp_path: Path) -> None:
+    own = load_mosaic(project_in(tmp_path, 2))
+    side = own.camera.size[0]
+
+    def both(name: str, light: float) -> Path:
+        pixels = np.hstack([read_picture(path).pixels for path in frame_files(tmp_path)])
+        with open_panorama(tmp_path / name, (2 * side, side), 3, np.uint8, {}, overwrite=True) as writer:
+            writer.write_rows(0, (pixels * light).astype(np.uint8))
+        return tmp_path / name
+
+    first, second = both("a.png", 1.0), both("b.png", 0.8)
+    halves = tuple(
+        dataclasses.replace(
+            frame, id=f"a.png:{name}", image=str(first), sha256=sha256_of(first), crop_px=(k * side, 0, side, side)
+        )
+        for k, (frame, name) in enumerate(zip(own.frames, ("left", "right"), strict=True))
+    )
+    save_mosaic(tmp_path / "dual.json", dataclasses.replace(own, frames=halves))
+    run = fullsphere("compose", tmp_path / "dual.json", "--frames", second, "-o", tmp_path / "p.png", "--size", 128)
+    assert run.code == 0, run.err
+    before = fullsphere("compose", tmp_path / "dual.json", "-o", tmp_path / "q.png", "--size", 128)
+    assert before.code == 0, before.err
+    dark, bright = (read_picture(tmp_path / name).pixels for name in ("p.png", "q.png"))
+    seen = bright[..., 3] > 0
+    np.testing.assert_allclose(dark[seen][:, :3], 0.8 * bright[seen][:, :3], atol=6)
