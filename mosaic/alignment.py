@@ -8,6 +8,7 @@ global and local alignment", IJCV 2000, section 5).
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
@@ -32,6 +33,7 @@ _SCALE = 220.0  # pixels per radian at which pictures are compared: a quarter of
 _BAND = math.radians(2.5)  # to each side of a seam in which the flow is asked for
 _FADE = math.radians(2.0)  # standard deviation with which a shift fades into the frame
 _SMOOTH = math.radians(1.0)  # over which the flow is averaged
+_ROUNDS = 2  # the second sees what the first has left
 _AGREEMENT = math.radians(0.05)  # of matches: what keypoints of a camera turned about one point come to
 _MOST = math.radians(1.2)  # that two frames may be apart: more is another thing, not parallax
 _LEAST_PX = 0.12  # of the compared pictures: less is noise, and stays as it is
@@ -81,6 +83,22 @@ def local_shifts(
     used = sorted({k for pair in seams for k in pair})
     small = dict(zip(used, ordered_map(executor, lambda k: _small(mosaic, frames[k]), used, ahead=4), strict=True))
 
+    shifts: dict[int, Shift] = {}
+    for _ in range(_ROUNDS):
+        seen = {k: _read_aside(small[k], shifts.get(k)) for k in used}
+        for k, more in _asked_for(frames, seen, seams, executor).items():
+            shifts[k] = more if k not in shifts else dataclasses.replace(more, values=more.values + shifts[k].values)
+    return tuple(shifts.get(k) for k in range(len(frames)))
+
+
+def _asked_for(
+    frames: Sequence[Frame],
+    small: Mapping[int, _Small],
+    seams: Mapping[tuple[int, int], FloatArray],
+    executor: Executor | None,
+) -> dict[int, Shift]:
+    """The shifts that pictures as they are now ask for, of the frames that are asked."""
+
     def pulls_of(pair: tuple[int, int]) -> tuple[_Pull, _Pull] | None:
         i, j = pair
         return _pulls(frames[i], frames[j], small[i], small[j], seams[pair])
@@ -89,7 +107,21 @@ def local_shifts(
     for pair, pulls in zip(seams, ordered_map(executor, pulls_of, seams, ahead=4), strict=True):
         for k, pull in zip(pair, pulls or (), strict=False):
             asked.setdefault(k, []).append(pull)
-    return tuple(_shift(asked[k], small[k]) if k in asked else None for k in range(len(frames)))
+    found = {k: _shift(pulls, small[k]) for k, pulls in asked.items()}
+    return {k: shift for k, shift in found.items() if shift is not None}
+
+
+def _read_aside(small: _Small, shift: Shift | None) -> _Small:
+    """The small picture as it is after a shift."""
+    if shift is None:
+        return small
+    height, width = small.grey.shape
+    v, u = np.mgrid[:height, :width].astype(float)
+    own = Shift(shift.values / np.float32(small.factor), shift.cell_px / small.factor)
+    places = [np.nan_to_num(x, nan=-9.0).astype(np.float32) for x in own.moved(u, v, (width, height))]
+    grey = cv2.remap(small.grey, *places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    seen = cv2.remap(small.seen.astype(np.uint8), *places, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
+    return small._replace(grey=grey, seen=seen > 0)
 
 
 def _agree(mosaic: Mosaic) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from typing import Any, Literal, NamedTuple
 
@@ -28,7 +28,7 @@ from fullsphere.mosaic.alignment import local_shifts
 from fullsphere.mosaic.compose_kernels import add_frame
 from fullsphere.mosaic.frame_colour import common_profile
 from fullsphere.mosaic.frame_light import FrameLights, Gain, gain_of
-from fullsphere.mosaic.overview import RIM, overviews, working_sphere
+from fullsphere.mosaic.overview import RIM, Overview, overviews, working_sphere
 from fullsphere.mosaic.project import Frame, Mosaic
 from fullsphere.mosaic.seams import find_owners
 from fullsphere.mosaic.shares import FLOOR, Share, Shares, feathered, shares_of
@@ -50,13 +50,19 @@ class Band(NamedTuple):
     rows: NDArray[np.generic]
 
 
-def plan(mosaic: Mosaic, executor: Executor | None = None, blend: Blend = "multiband") -> Shares:
+def plan(
+    mosaic: Mosaic,
+    executor: Executor | None = None,
+    blend: Blend = "multiband",
+    seen: Sequence[Overview] | None = None,
+) -> Shares:
     """Decide on the working sphere what each registered frame gives to a panorama.
 
     "multiband" has seams where frames agree and mixes in many bands; "feather" mixes all frames softly, and is quick.
+    Frames that were looked at before on `working_sphere` may be given as they were `seen`.
     """
     sphere = working_sphere(len(mosaic.registered))
-    seen = overviews(mosaic, sphere, executor)
+    seen = overviews(mosaic, sphere, executor) if seen is None else seen
     if blend == "feather":
         return feathered(seen, sphere)
     owners = find_owners(seen, executor)
@@ -75,6 +81,7 @@ def compose(
     exposure_ev: float = 0.0,
     frame_bytes: int = FRAME_BYTES,
     tile_px: int = TILE_PX,
+    top: int = 0,
 ) -> Iterator[Band]:
     """Render a mosaic.
 
@@ -97,6 +104,8 @@ def compose(
         Memory for frames.
     tile_px
         Side of the tiles; it changes nothing in the picture.
+    top
+        The row to begin with, a multiple of `tile_px`.
 
     Yields
     ------
@@ -113,9 +122,10 @@ def compose(
         return np.dstack([encoded_from_linear(light, dtype, profile), _alpha(seen, dtype)])
 
     across = math.ceil(width / tile_px)
-    finished = ordered_map(executor, render, tiles(surface.size, tile_px), ahead=2 * across)
-    for top in range(0, height, tile_px):
-        yield Band(top, np.concatenate([next(finished) for _ in range(across)], axis=1))
+    wanted = [tile for tile in tiles(surface.size, tile_px) if tile[0].start >= top]
+    finished = ordered_map(executor, render, wanted, ahead=2 * across)
+    for row in range(top, height, tile_px):
+        yield Band(row, np.concatenate([next(finished) for _ in range(across)], axis=1))
 
 
 def _alpha(seen: NDArray[np.bool_], dtype: type[np.generic]) -> NDArray[Any]:
@@ -205,6 +215,7 @@ class _Composer:
             share.left,
             share.top,
             FLOOR,
+            float(1 / self._brightness),
             light[part],
             weight[part],
         )

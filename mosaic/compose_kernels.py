@@ -9,6 +9,7 @@ import numpy as np
 from fullsphere.model.kernels import compiled
 
 _SIXTH, _TWO_THIRDS, _HALF, _ONE = np.float32(1 / 6), np.float32(2 / 3), np.float32(0.5), np.float32(1)
+_NEARLY, _CLIPPED = np.float32(0.85), np.float32(0.98)  # linear light of a frame
 _LEAST = np.float32(1e-3)  # of a share: less counts for nothing
 
 
@@ -20,6 +21,16 @@ def _spline(t: float, weights: np.ndarray) -> None:
     weights[1] = _TWO_THIRDS - t * t * (_ONE - _HALF * t)
     weights[3] = _SIXTH * t * t * t
     weights[2] = _ONE - weights[0] - weights[1] - weights[3]
+
+
+@compiled
+def _clipped(code: np.ndarray, light_of_code: np.ndarray) -> float:
+    """How surely a pixel is clipped in all channels, 0 to 1; light of its own (no codes) never is."""
+    if light_of_code.size == 0:
+        return 0.0
+    least = light_of_code[np.int64(min(code[0], code[1], code[2]))]
+    t = min(max((least - _NEARLY) / (_CLIPPED - _NEARLY), np.float32(0)), _ONE)
+    return float(t * t * (np.float32(3) - t - t))
 
 
 @compiled
@@ -39,6 +50,7 @@ def add_frame(
     left: int,
     top: int,
     floor: float,
+    white: float,
     light: np.ndarray,
     weight: np.ndarray,
 ) -> None:
@@ -63,6 +75,9 @@ def add_frame(
         the logarithms by which its channels are brightened.
     floor
         The light that is added before brightening and taken off after it, so that black stays black.
+    white
+        Light that is white in the panorama.  What is clipped in all channels of a frame becomes as bright at least: of
+        a lamp an overexposed frame only tells that it is brighter than its own white, which may be grey by now.
     light, weight
         (h, w, 3) and (h, w), added to.
     """
@@ -97,12 +112,14 @@ def add_frame(
             first = min(max(np.int64(cell), 0), last)
             gain = over_z[first] + (cell - np.float32(first)) * (over_z[first + 1] - over_z[first])
             weight[j, i] += much
+            clipped = _clipped(codes[j, i], light_of_code)
             for k in range(3):
                 code = codes[j, i, k]
                 linear = (
                     light_of_code[np.int64(code)] if light_of_code.size > 0 else max(np.float32(code), np.float32(0))
                 )
                 linear *= gain * factors[k]
+                linear += clipped * max(np.float32(white) - linear, np.float32(0))
                 if value[k + 1] != 0:
                     linear += (linear + np.float32(floor)) * np.float32(math.expm1(value[k + 1]))
                 light[j, i, k] += much * linear

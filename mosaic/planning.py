@@ -11,13 +11,11 @@ import numpy as np
 
 from fullsphere.model.camera import Projection
 from fullsphere.model.lens import FloatArray
-from fullsphere.mosaic.alignment import local_shifts
-from fullsphere.mosaic.compose import Blend
+from fullsphere.mosaic.compose import Blend, plan
 from fullsphere.mosaic.overview import overviews, working_sphere
 from fullsphere.mosaic.project import Mosaic
 from fullsphere.mosaic.reference import Exposure, compensated, reference_ev
-from fullsphere.mosaic.seams import find_owners
-from fullsphere.mosaic.shares import Shares, feathered, shares_of
+from fullsphere.mosaic.shares import Shares
 
 _AS_USUAL = Exposure()
 _MULTIPLE_PX = 16
@@ -48,14 +46,7 @@ def planned(
     sphere = working_sphere(len(mosaic.registered))
     seen = overviews(mosaic, sphere, executor)
     brighter = reference_ev(mosaic, exposure, seen)
-    if blend == "feather":
-        return Plan(mosaic, feathered(seen, sphere), brighter)
-    owners = find_owners(seen, executor)
-    shifts = local_shifts(mosaic, owners, sphere, executor)
-    if any(shifts):
-        seen = overviews(mosaic, sphere, executor, shifts)
-    shares = dataclasses.replace(shares_of(seen, owners, sphere, executor), shifts=shifts)
-    return Plan(mosaic, shares, brighter)
+    return Plan(mosaic, plan(mosaic, executor, blend, seen), brighter)
 
 
 def turned_to(mosaic: Mosaic, world_from_surface: FloatArray) -> Mosaic:

@@ -50,7 +50,8 @@ def disagreeing() -> Mosaic:
 
 
 def owners_of(mosaic: Mosaic) -> NDArray[np.int16]:
-    return np.argmax([one.quality for one in overviews(mosaic, SPHERE)], 0).astype(np.int16)
+    best: NDArray[np.int16] = np.argmax([one.quality for one in overviews(mosaic, SPHERE)], 0).astype(np.int16)
+    return best
 
 
 def shown(mosaic: Mosaic, k: int, shift: Shift | None, rays: FloatArray) -> FloatArray:

@@ -272,3 +272,19 @@ def test_feathered_frames_are_mixed_where_both_see() -> None:
     seen = result[..., 3] > 0
     off = np.abs(result[seen][:, :3] - 0.75 * TRUTH[seen]).max(-1) > 3e-3
     assert off.mean() < 1e-4  # but for pixels of the very rim, which one of them fills
+
+
+def test_it_can_begin_at_any_row_of_tiles(smooth: Mosaic) -> None:
+    bands = list(compose(smooth, SURFACE, np.float32, tile_px=128, top=256))
+    assert [band.top for band in bands] == [256, 384]
+    np.testing.assert_array_equal(np.concatenate([band.rows for band in bands]), whole(smooth, tile_px=128)[256:])
+
+
+def test_a_clipped_lamp_is_white_in_the_panorama() -> None:
+    """All that an overexposed frame tells of a lamp is that it is brighter than its own white."""
+    codes = np.full((500, 500, 3), 120, np.uint8)
+    codes[230:270, 230:270] = 255
+    frame = dataclasses.replace(frame_of("bright", codes, ROTATIONS[0]), exposure_ev=0.7)
+    result = whole(mosaic_of([frame]), dtype=np.uint8)
+    assert result[200, 400].tolist() == [255, 255, 255, 255]
+    assert (result[150, 400, :3] < 120).all()

@@ -37,6 +37,7 @@ def test_a_frame_is_added_as_its_twin_does(dtype: Any, channels: int, left: int)
     rng = np.random.default_rng(left)
     full = 1.0 if dtype == np.float32 else float(np.iinfo(dtype).max)
     codes = (rng.uniform(-0.1 if dtype == np.float32 else 0, 1, (*SHAPE, channels)) * full).astype(dtype)
+    codes[:2, :2, :3] = full  # clipped
     if channels == 4:
         codes[..., 3] = np.where(rng.random(SHAPE) < 0.7, full, 0.4 * full)
     table = np.empty(0, np.float32)
@@ -55,7 +56,24 @@ def test_a_frame_is_added_as_its_twin_does(dtype: Any, channels: int, left: int)
     at = at.astype(np.float32)
     light, weight = np.full((*SHAPE, 3), 0.25, np.float32), np.full(SHAPE, 0.5, np.float32)
     add_frame(
-        codes, table, 0.999 * full, u, z, 0.0, factors, over_z, z_min, at, WIDTH, share, left, top, 0.02, light, weight
+        codes,
+        table,
+        0.999 * full,
+        u,
+        z,
+        0.0,
+        factors,
+        over_z,
+        z_min,
+        at,
+        WIDTH,
+        share,
+        left,
+        top,
+        0.02,
+        1.2,
+        light,
+        weight,
     )
     added = 0
     for j, i in np.ndindex(SHAPE):
@@ -67,7 +85,9 @@ def test_a_frame_is_added_as_its_twin_does(dtype: Any, channels: int, left: int)
             much = value[0] ** 4
             gain = np.interp((z[j, i] - z_min) / (1 - z_min) * 8, np.arange(9), over_z)
             linear = np.maximum(codes[j, i, :3], 0) if not table.size else table[codes[j, i, :3]]
+            least = np.clip((linear.min() - 0.85) / 0.13, 0, 1) if table.size else 0.0
             linear = linear.astype(float) * gain * factors
+            linear += least**2 * (3 - 2 * least) * np.maximum(1.2 - linear, 0)
             expected = expected + much * ((linear + 0.02) * np.exp(value[1:]) - 0.02)
             added += 1
         np.testing.assert_allclose(weight[j, i], 0.5 + much, rtol=2e-5)
