@@ -14,7 +14,7 @@ from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.conformal import conformal_view, is_wide
 from fullsphere.mosaic.project import Picture
 
-_AREA_PER_KEYPOINT_PX = 300  # a larger picture is reduced: more of it gives more keypoints than are kept
+_AREA_PER_KEYPOINT_PX = 400  # a larger picture is reduced: more of it gives more keypoints than are kept
 _MAX_AREA_PX = 4_000_000  # descriptors gain nothing from more
 _DETECTED = 2  # times as many as are kept are described: half of a keypoint's time goes there
 _CELLS = 24  # along the longer side: each cell gives its strongest keypoints only
