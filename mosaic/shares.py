@@ -34,6 +34,7 @@ FLOOR = 0.02
 
 _REACH = 3  # nodes around a place whose values are read there: two of the spline's, and one for rounding
 _SEEN = 0.5  # of a pixel: less does not tell its light
+_UNLIKE = 0.4  # natural logarithm: what differs by more from what is usual is another thing
 _ANY = 1e-6  # what a frame counts for that sees and owns nothing
 _MOST_BRIGHTER = 1.5  # natural logarithm: a frame is never changed by more, whatever another shows there
 
@@ -91,8 +92,9 @@ def shares_of(
 
     def prepared(k: int) -> tuple[NDArray[np.float32], Bands]:
         log, seen, mask = looks[k]
-        differs = filled(log - agreed, seen & covered)
-        return differs, blender.taken_apart(differs, seen, mask)
+        differs, alike = log - agreed, _alike(log - agreed, seen & covered) | (seen & (mask > _SEEN))
+        differs = filled(differs, alike)
+        return differs, blender.taken_apart(differs, alike, mask)
 
     differences = {}
     for k, (differs, bands) in zip(kept, ordered_map(executor, prepared, kept, ahead=4), strict=True):
@@ -133,6 +135,16 @@ def _look(overview: Overview, owned: NDArray[np.bool_]) -> _Look:
     light, share = reduce(overview.light * share[..., None]), reduce(share)
     mean = np.maximum(light, 0) / np.maximum(share, np.float32(_SEEN))[..., None]
     return _Look(np.log(mean + np.float32(FLOOR)), share > _SEEN, reduce(owned.astype(np.float32)))
+
+
+def _alike(differs: NDArray[np.float32], both: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Where a frame shows what the others do, if not as bright: what moved is no difference of brightness."""
+    if not both.any():
+        return both
+    latitude = (0.5 - (np.nonzero(both)[0] + 0.5) / len(both)) * np.pi
+    even = np.random.default_rng(0).random(latitude.size) < np.cos(latitude)  # each direction as likely as any other
+    usual = np.median(differs[both][even], axis=0) if even.any() else np.zeros(3)
+    return both & (np.abs(differs - usual).max(-1) < _UNLIKE)
 
 
 def _composite(looks: Sequence[_Look]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
