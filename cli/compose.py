@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fullsphere.cli import composing, console
+from fullsphere.cli import composing, console, rendering
 
 if TYPE_CHECKING:
     from fullsphere.mosaic.project import Mosaic
@@ -49,10 +49,10 @@ def run(args: argparse.Namespace) -> int:
         if args.frames:
             console.say(args, f"measuring the light of {console.counted(len(args.frames), 'new picture')}")
             mosaic = with_pictures(mosaic, args.frames, executor)
-        written = composing.write_panorama(args.output, mosaic, wanted, executor, args)
-    console.report(args, _summary(args, mosaic, written), [f"{args.output}: {composing.described(written)}"])
+        written = rendering.write_panorama(args.output, mosaic, wanted, executor, args)
+    console.report(args, _summary(args, mosaic, written), [f"{args.output}: {rendering.described(written)}"])
     return console.done(args, with_warnings=False)
 
 
-def _summary(args: argparse.Namespace, mosaic: Mosaic, written: composing.Written) -> dict[str, object]:
-    return {"panorama": str(args.output), "frames": len(mosaic.registered), **composing.summary(written)}
+def _summary(args: argparse.Namespace, mosaic: Mosaic, written: rendering.Written) -> dict[str, object]:
+    return {"panorama": str(args.output), "frames": len(mosaic.registered), **rendering.summary(written)}

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from fullsphere.cli import messages
 
 _STRICT_EXIT = 3
+_UNITS = {"MB": 10**6, "GB": 10**9}
 
 
 def say(args: argparse.Namespace, text: str) -> None:
@@ -50,3 +52,11 @@ def panorama_size(width: int) -> tuple[int, int]:
             f"--size {width}: the width is an even number of pixels from 2 to {MAX_SIDE_PX}, the height is half of it"
         )
     return width, width // 2
+
+
+def bytes_of(text: str) -> int:
+    """The amount that 500MB or 2GB spells, as a type of argparse."""
+    match = re.fullmatch(r"(\d{1,6})(MB|GB)", text, re.ASCII)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is no size such as 500MB or 2GB")
+    return int(match[1]) * _UNITS[match[2]]

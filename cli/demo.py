@@ -134,7 +134,8 @@ def _stitch(
     args: argparse.Namespace, folder: Path, camera: Camera, calibrated: Camera, executor: Executor
 ) -> tuple[Mosaic, list[tuple[str, float, str]]]:
     """Photograph the room, stitch the frames, and measure the result."""
-    from fullsphere.cli.composing import plain, write_panorama
+    from fullsphere.cli.composing import plain
+    from fullsphere.cli.rendering import write_panorama
     from fullsphere.mosaic.frames import open_frames
     from fullsphere.mosaic.stitch import solve
     from fullsphere.mosaic.store import save_mosaic

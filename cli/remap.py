@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -39,7 +38,6 @@ examples:
 
 _INPUT_EXIT = 3
 _KEPT_BYTES = 1 << 30
-_UNITS = {"MB": 10**6, "GB": 10**9}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -116,7 +114,7 @@ def _add_output_arguments(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--memory",
-        type=_bytes_of,
+        type=console.bytes_of,
         default=_KEPT_BYTES,
         metavar="SIZE",
         help="what may be used to keep the geometry from picture to picture, 500MB for example (default: 1GB)",
@@ -255,10 +253,3 @@ def _check_raw(args: argparse.Namespace) -> None:
             raise UsageError(f"{option} is for picture files, not for the raw frames of --raw")
     if os.isatty(1):
         raise UsageError("raw frames are nothing for a terminal: lead them on with | or >")
-
-
-def _bytes_of(text: str) -> int:
-    match = re.fullmatch(r"(\d{1,6})(MB|GB)", text, re.ASCII)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"{text!r} is no size such as 500MB or 2GB")
-    return int(match[1]) * _UNITS[match[2]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from fullsphere.cli import composing, console, registering
+from fullsphere.cli import composing, console, registering, rendering
 
 EPILOG = """\
 examples:
@@ -43,9 +43,9 @@ def run(args: argparse.Namespace) -> int:
             mosaic = solve(frames, cameras, executor, console.progress(args), options, covariances)
         if args.mosaic:
             save_mosaic(args.mosaic, mosaic, args.overwrite)
-        written = composing.write_panorama(args.output, mosaic, wanted, executor, args)
+        written = rendering.write_panorama(args.output, mosaic, wanted, executor, args)
     left_out = registering.warn(mosaic)
-    summary = {"panorama": str(args.output), **registering.summary(mosaic), **composing.summary(written)}
-    said = [*registering.lines(args.output, mosaic), f"  {composing.described(written)}"]
+    summary = {"panorama": str(args.output), **registering.summary(mosaic), **rendering.summary(written)}
+    said = [*registering.lines(args.output, mosaic), f"  {rendering.described(written)}"]
     console.report(args, summary, said)
     return console.done(args, with_warnings=left_out)

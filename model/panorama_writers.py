@@ -43,6 +43,11 @@ class PanoramaWriter(abc.ABC):
         self._path, self._temporary = path, temporary
         self._end = 0
 
+    @property
+    def temporary(self) -> Path:
+        """The file that is written until it gets its name."""
+        return self._temporary
+
     def write_rows(self, y0: int, rows: Rows) -> None:
         """Write rows (n, w, c) at `y0`, which is where the rows before ended; their type is the panorama's.
 

@@ -18,10 +18,11 @@ _R = TypeVar("_R")
 
 def thread_pool(threads: int | None = None) -> ThreadPoolExecutor:
     """A pool of `threads` workers, by default one for each core this process may use."""
-    return ThreadPoolExecutor(threads or _usable_cores(), thread_name_prefix="fullsphere")
+    return ThreadPoolExecutor(threads or usable_cores(), thread_name_prefix="fullsphere")
 
 
-def _usable_cores() -> int:
+def usable_cores() -> int:
+    """How many cores this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -10,7 +10,8 @@ import pytest
 from icc_profiles import ADOBE, P3, SRGB_CURVE, gamma, parametric, profile
 from turning import frames_of, ring
 
-from fullsphere.cli.composing import plain, write_panorama
+from fullsphere.cli.composing import plain
+from fullsphere.cli.rendering import write_panorama
 from fullsphere.model.colour import encoded_from_linear
 from fullsphere.model.icc import SRGB, profile_of
 from fullsphere.model.images import linear_from_encoded, read_picture
@@ -49,7 +50,7 @@ def test_the_panorama_shows_the_colours_of_the_scene(
 
     frames = frames_of(coloured, CAMERA, ring(4), recorded)
     own = [dataclasses.replace(f, profile=functools.partial(profile_of, i)) for f, i in zip(frames, icc, strict=True)]
-    args, path = argparse.Namespace(json=True, overwrite=False), tmp_path / f"panorama.{ending}"
+    args, path = argparse.Namespace(json=True, overwrite=False, threads=1), tmp_path / f"panorama.{ending}"
     with thread_pool(1) as executor:
         write_panorama(path, Mosaic((CAMERA,), tuple(own), ()), plain(200), executor, args)
     picture = read_picture(path)
