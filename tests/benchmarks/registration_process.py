@@ -16,10 +16,15 @@ class Spent(NamedTuple):
     peak_bytes: int
 
 
+def fullsphere(*arguments: str) -> list[str]:
+    """The program under test with these arguments."""
+    program = [sys.executable, "-c", "import sys; from fullsphere.cli.main import main; sys.exit(main(sys.argv[1:]))"]
+    return [*program, *arguments]
+
+
 def register_command(files: Sequence[Path], output: Path, *options: str) -> list[str]:
     """`fullsphere register` for these frames."""
-    program = [sys.executable, "-c", "import sys; from fullsphere.cli.main import main; sys.exit(main(sys.argv[1:]))"]
-    return [*program, "register", *map(str, files), "-o", str(output), "--overwrite", *options]
+    return fullsphere("register", *map(str, files), "-o", str(output), "--overwrite", *options)
 
 
 def run(command: Sequence[str], folder: Path) -> Spent:
