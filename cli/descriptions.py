@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from fullsphere.cli.wording import camera_lines, printable
 from fullsphere.model.errors import InputError
 
 if TYPE_CHECKING:
@@ -128,20 +128,10 @@ def record_lines(record: dict[str, Any]) -> list[str]:
     if seen is not None:
         lines.append(f"points seen from {seen[0]:.1f} to {seen[1]:.1f} degrees off axis")
     if isinstance(record.get("inputs"), dict) and record["inputs"]:
-        lines.append("made from " + ", ".join(f"{_text(name)}" for name in record["inputs"]))
+        lines.append("made from " + ", ".join(f"{printable(name)}" for name in record["inputs"]))
     if isinstance(record.get("program"), str):
-        lines.append(f"made by {_text(record['program'])}")
+        lines.append(f"made by {printable(record['program'])}")
     return lines
-
-
-def camera_lines(camera: Camera) -> list[str]:
-    """Lens, values, centre and field of view."""
-    values = ", ".join(f"{p.key} {v:.7g}" for p, v in zip(camera.lens.parameters, camera.lens.values, strict=True))
-    return [
-        f"{camera.lens.projection} lens ({values}), for pictures of {camera.size[0]} x {camera.size[1]} pixels",
-        f"centre ({camera.centre[0]:.2f}, {camera.centre[1]:.2f}) px, aspect {camera.aspect:.5f}, field of view "
-        f"{2 * math.degrees(camera.half_fov):.1f} degrees, {camera.image_radius:.1f} px at its edge",
-    ]
 
 
 def _camera(path: Path, value: dict[str, Any]) -> Description:
@@ -166,59 +156,11 @@ def _camera(path: Path, value: dict[str, Any]) -> Description:
 
 
 def _mosaic(path: Path, value: dict[str, Any]) -> Description:
-    from fullsphere.model.store import camera_from_dict
+    from fullsphere.cli import mosaic_words
+    from fullsphere.mosaic.store import mosaic_from_dict
 
-    cameras = [
-        camera_from_dict(camera, f"{path}: cameras[{k}]", ("vignetting", "camera_from_rig"))
-        for k, camera in enumerate(_list(value, "cameras", path))
-    ]
-    frames = [_frame(path, k, frame) for k, frame in enumerate(_list(value, "frames", path))]
-    links = _list(value, "links", path)
-    quality = {k: v for k, v in _object(value.get("quality", {}), f"{path}: quality").items() if _is_number(v)}
-    status = Counter(frame["status"] for frame in frames)
-    summary = {
-        "file": str(path),
-        "kind": "mosaic",
-        "cameras": [{"lens": camera.lens.projection, "image_size_px": list(camera.size)} for camera in cameras],
-        "frames": frames,
-        "registered": status["registered"],
-        "links": len(links),
-        "level": value.get("level"),
-        "quality": quality,
-    }
-    lines = [
-        f"{path}: {status['registered']} of {len(frames)} frames have their place on the sphere, {len(links)} links",
-        *(line for camera in cameras for line in camera_lines(camera)),
-        f"which way is up: {_text(value.get('level'))}",
-        *(f"{_text(name)} {number:.6g}" for name, number in sorted(quality.items())),
-        "frame                     yaw    pitch     roll    sigma   exposure",
-        *(_frame_line(frame) for frame in frames),
-    ]
-    return Description("mosaic", summary, lines)
-
-
-_FRAME_NUMBERS = ("yaw_deg", "pitch_deg", "roll_deg", "sigma_deg", "exposure_ev")
-
-
-def _frame(path: Path, index: int, value: Any) -> dict[str, Any]:
-    frame = _object(value, f"{path}: frames[{index}]")
-    if frame.get("status") not in ("registered", "left-out") or not isinstance(frame.get("id"), str):
-        raise InputError(f"{path}: frames[{index}]: id or status is missing or wrong; is it a mosaic that was edited?")
-    numbers = {key: frame[key] if _is_number(frame.get(key)) else None for key in _FRAME_NUMBERS}
-    return {"id": frame["id"], "status": frame["status"], "reason": frame.get("reason", ""), **numbers}
-
-
-def _frame_line(frame: dict[str, Any]) -> str:
-    name = f"{_text(frame['id']):20}"
-    if frame["status"] != "registered":
-        return f"{name} left out: {_text(frame['reason'])}"
-    widths = (8, 8, 8, 8, 7)
-    digits = (2, 2, 2, 4, 2)
-    cells = (
-        f"{'-':>{width}}" if frame[key] is None else f"{frame[key]:{width}.{digit}f}"
-        for key, width, digit in zip(_FRAME_NUMBERS, widths, digits, strict=True)
-    )
-    return f"{name} {' '.join(cells)} EV"
+    mosaic = mosaic_from_dict(value, str(path), path.parent)
+    return Description("mosaic", mosaic_words.summary(path, mosaic), mosaic_words.lines(path, mosaic))
 
 
 def _target(path: Path, value: dict[str, Any]) -> Description:
@@ -240,11 +182,11 @@ def _target(path: Path, value: dict[str, Any]) -> Description:
 def _board(board: dict[str, Any]) -> str:
     """Kind and values of a board, and whether it is rolled."""
     values = ", ".join(
-        f"{name} {_text(value)}" for name, value in sorted(board.items()) if name not in ("kind", "placement")
+        f"{name} {printable(value)}" for name, value in sorted(board.items()) if name not in ("kind", "placement")
     )
     placement = board.get("placement")
     radius = placement.get("radius_mm") if isinstance(placement, dict) else None
-    return f"{_text(board.get('kind'))}, {values}, {'flat' if radius is None else f'rolled, radius {radius:g} mm'}"
+    return f"{printable(board.get('kind'))}, {values}, {'flat' if radius is None else f'rolled, radius {radius:g} mm'}"
 
 
 def _picture(path: Path) -> Description:
@@ -268,7 +210,7 @@ def _picture(path: Path) -> Description:
         lines.append(f"no GPano fields: viewers do not know it as a panorama{shape}")
     else:
         whole = size[0] == 2 * size[1] and str(full) == str(size[0])
-        lines.append(f"GPano: {_text(projection)}, {'the whole sphere' if whole else 'a part of the sphere'}")
+        lines.append(f"GPano: {printable(projection)}, {'the whole sphere' if whole else 'a part of the sphere'}")
     return Description("picture", summary, lines)
 
 
@@ -294,8 +236,3 @@ def _object(value: Any, where: str) -> dict[str, Any]:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _text(value: Any) -> str:
-    """A value from a file as one line that a terminal can show: it may hold control characters."""
-    return "".join(c if c.isprintable() else "?" for c in str(value))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fullsphere.cli import console
+from fullsphere.cli.wording import camera_lines
 from fullsphere.model.errors import InputError, UsageError
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ compared, after the common rotation that brings them nearest.
 
 examples:
   fullsphere inspect camera.json
+  fullsphere inspect mosaic.json --report mosaic.html
   fullsphere inspect spring.json autumn.json --figure difference.png
 """
 
@@ -31,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "files", nargs="+", type=Path, metavar="FILE", help="a file to describe, or two camera.json to compare"
     )
     parser.add_argument(
-        "--report", type=Path, metavar="FILE.html", help="also write a page about the camera or cameras"
+        "--report", type=Path, metavar="FILE.html", help="also write a page about the camera, the cameras or the mosaic"
     )
     parser.add_argument(
         "--figure", type=Path, metavar="FILE", help="also write the map of the difference: .png, .pdf or .svg"
@@ -65,13 +67,21 @@ def _described(args: argparse.Namespace) -> int:
     path = args.files[0]
     found = describe(path)
     if args.report:
-        if found.kind != "camera":
-            raise UsageError(f"{path}: is a {found.kind}; --report is for cameras only")
+        if found.kind not in ("camera", "mosaic"):
+            raise UsageError(f"{path}: is a {found.kind}; --report is for cameras and mosaics only")
         from fullsphere.cli.page import write_page
 
-        write_page(args.report, _page_of_one(read_camera_file(path)), args.overwrite)
+        page = _page_of_one(read_camera_file(path)) if found.kind == "camera" else _page_of_mosaic(path)
+        write_page(args.report, page, args.overwrite)
     console.report(args, found.summary, found.lines)
     return console.done(args, with_warnings=False)
+
+
+def _page_of_mosaic(path: Path) -> Page:
+    from fullsphere.cli.mosaic_page import page_of_mosaic
+    from fullsphere.mosaic.store import load_mosaic
+
+    return page_of_mosaic(path.name, load_mosaic(path))
 
 
 def _compared(args: argparse.Namespace) -> int:
@@ -148,7 +158,7 @@ def _rotation(found: Difference) -> str:
 def _page_of_one(file: CameraFile) -> Page:
     import numpy as np
 
-    from fullsphere.cli.descriptions import camera_lines, observed_range, record_lines, shown_rows
+    from fullsphere.cli.descriptions import observed_range, record_lines, shown_rows
     from fullsphere.cli.page import Finding, Page, Section, Table
     from fullsphere.cli.plots_lens import curve_sigma, projection_functions
 
@@ -182,7 +192,7 @@ def _page_of_one(file: CameraFile) -> Page:
 
 
 def _page_of_two(first: CameraFile, second: CameraFile, found: Difference) -> Page:
-    from fullsphere.cli.descriptions import camera_lines, record_lines
+    from fullsphere.cli.descriptions import record_lines
     from fullsphere.cli.page import Finding, Page, Section, Table
     from fullsphere.cli.plots_picture import difference_map
 

@@ -34,6 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--save-camera", type=Path, metavar="CAMERA.json", help="also write the camera that was found or refined"
     )
+    parser.add_argument(
+        "--report", type=Path, metavar="FILE.html", help="also write a page about the mosaic: frames, links, residuals"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -47,6 +50,10 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--save-camera writes one camera, and --dual has two; they are both in mosaic.json")
     for output in filter(None, (args.output, args.save_camera)):
         check_output(output, args.overwrite, registering.inputs_of(args))
+    if args.report:
+        from fullsphere.cli.page import check_page
+
+        check_page(args.report, args.overwrite, registering.inputs_of(args))
     with thread_pool(args.threads) as executor:
         mosaic = _project(args, options, executor) if _is_project(args) else _registered(args, options, executor)
     said = [*registering.lines(args.output, mosaic), *_written(args, mosaic)]
@@ -108,4 +115,10 @@ def _written(args: argparse.Namespace, mosaic: Mosaic) -> list[str]:
         save_mosaic(args.output, mosaic, args.overwrite)
     if args.save_camera:
         save_found_camera(args.save_camera, mosaic, args.overwrite)
+    if args.report:
+        from fullsphere.cli.mosaic_page import page_of_mosaic
+        from fullsphere.cli.page import write_page
+
+        write_page(args.report, page_of_mosaic(args.output.name, mosaic), args.overwrite)
+        said.append(f"  report: {args.report}")
     return said

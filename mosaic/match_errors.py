@@ -87,11 +87,16 @@ def match_errors(matches: MatchArrays, rotations: FloatArray, cameras: Sequence[
 
 
 def held_out_px(links: Sequence[Link], rotations: FloatArray, cameras: Sequence[Camera], rig: Rig) -> FloatArray:
-    """Distances (m,) on the sphere between the two rays of each match that no fit saw, in pixels.
+    """Distances (m,) on the sphere between the two rays of each match that no fit saw, in pixels."""
+    distances = distances_px(MatchArrays.held_back(links), rotations, cameras, rig)
+    return np.asarray(distances[np.isfinite(distances)])
+
+
+def distances_px(matches: MatchArrays, rotations: FloatArray, cameras: Sequence[Camera], rig: Rig) -> FloatArray:
+    """Distances (m,) on the sphere between the two rays of each match, in pixels; NaN where a camera sees nothing.
 
     An angle counts as many pixels as it spans in the picture on average, r(half_fov) / half_fov.
     """
-    matches = MatchArrays.held_back(links)
     rays = []
     for frames, pixels in ((matches.i, matches.pixels_i), (matches.j, matches.pixels_j)):
         ray = np.full((len(frames), 3), np.nan)
@@ -101,8 +106,7 @@ def held_out_px(links: Sequence[Link], rotations: FloatArray, cameras: Sequence[
         rays.append((ray[:, None] @ rotations[frames])[:, 0])
     chord = np.linalg.norm(rays[0] - rays[1], axis=1)
     scale = np.array([camera.image_radius / camera.half_fov for camera in cameras])[rig.camera_of[matches.j]]
-    distances = 2 * np.arcsin(np.minimum(chord / 2, 1)) * scale
-    return np.asarray(distances[np.isfinite(distances)])
+    return np.asarray(2 * np.arcsin(np.minimum(chord / 2, 1)) * scale)
 
 
 def opened_camera(camera: Camera) -> Camera:

@@ -144,7 +144,8 @@ def _alike(differs: NDArray[np.float32], both: NDArray[np.bool_]) -> NDArray[np.
     latitude = (0.5 - (np.nonzero(both)[0] + 0.5) / len(both)) * np.pi
     even = np.random.default_rng(0).random(latitude.size) < np.cos(latitude)  # each direction as likely as any other
     usual = np.median(differs[both][even], axis=0) if even.any() else np.zeros(3)
-    return both & (np.abs(differs - usual).max(-1) < _UNLIKE)
+    alike: NDArray[np.bool_] = both & (np.abs(differs - usual).max(-1) < _UNLIKE)
+    return alike
 
 
 def _composite(looks: Sequence[_Look]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

@@ -6,17 +6,14 @@ import dataclasses
 import json
 import math
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from calibrations import CAMERA, made_calibration
-from scipy.spatial.transform import Rotation
 
 from fullsphere.cli import main as frame
 from fullsphere.cli.main import main
@@ -26,8 +23,6 @@ from fullsphere.model.camera import Camera
 from fullsphere.model.files import write_json
 from fullsphere.model.images import gpano, open_panorama
 from fullsphere.model.store import camera_to_dict, save_camera
-from fullsphere.mosaic.project import Frame, Mosaic
-from fullsphere.mosaic.store import mosaic_to_dict, save_mosaic
 
 Inspect = Callable[..., tuple[int, str, str]]
 
@@ -81,53 +76,6 @@ def test_a_camera_typed_by_hand_is_described_without_what_it_does_not_say(inspec
     assert "rms" not in out
     assert "extrapolated" not in out
     assert f"{float(CAMERA.lens.radius(math.radians(50))):.3f}          -" in out
-
-
-def a_mosaic(folder: Path) -> Mosaic:
-    turned = Rotation.from_euler("YXZ", [30, -10, 5], degrees=True).inv().as_matrix()
-    frames = (
-        Frame(
-            "a.jpg", str(folder / "a.jpg"), CAMERA.size, lambda: np.zeros(0), camera_from_world=turned, sigma_deg=0.01
-        ),
-        Frame("b\x1b[2J.jpg", str(folder / "b.jpg"), CAMERA.size, lambda: np.zeros(0)).left_out("no overlap"),
-    )
-    return Mosaic((CAMERA,), frames, (), level="camera-x-axes", quality={"residual_rms_px": 0.47})
-
-
-def test_a_mosaic_is_described_frame_by_frame(inspect: Inspect, tmp_path: Path) -> None:
-    path = tmp_path / "mosaic.json"
-    save_mosaic(path, a_mosaic(tmp_path))
-    code, out, _ = inspect(path)
-    assert code == 0
-    assert "1 of 2 frames have their place on the sphere, 0 links" in out
-    assert "residual_rms_px 0.47" in out
-    lines = out.splitlines()
-    assert lines[-2].split() == ["a.jpg", "30.00", "-10.00", "5.00", "0.0100", "0.00", "EV"]
-    assert lines[-1].split(maxsplit=1) == ["b?[2J.jpg", "left out: no overlap"]  # nothing that steers the terminal
-    value = json.loads(inspect(path, "--json")[1])
-    assert [f["status"] for f in value["frames"]] == ["registered", "left-out"]
-    assert value["quality"] == {"residual_rms_px": 0.47}
-
-
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
-        ({"frames": 3}, "frames is missing or not a list"),
-        ({"frames": [{"id": "a"}]}, r"frames\[0\]: id or status"),
-        ({"frames": ["a"]}, r"frames\[0\]: is not an object"),
-        ({"cameras": [{}]}, r"cameras\[0\]: format is None"),
-        ({"links": None}, "links is missing"),
-    ],
-)
-def test_a_mosaic_that_was_spoilt_is_refused_by_the_key(
-    inspect: Inspect, tmp_path: Path, change: dict[str, Any], named: str
-) -> None:
-    path = tmp_path / "mosaic.json"
-    write_json(path, {**mosaic_to_dict(a_mosaic(tmp_path), tmp_path), **change}, False)
-    code, _, err = inspect(path)
-    assert code == 3
-    assert err.count("\n") == 1
-    assert re.search(named, err)
 
 
 def test_a_target_is_described(inspect: Inspect, tmp_path: Path) -> None:
@@ -229,7 +177,7 @@ def test_wrong_files_and_options_are_named(inspect: Inspect, calibrated: Path, t
         ([calibrated, "--figure", tmp_path / "a.png"], 2, ["two cameras"]),
         ([calibrated, larger, "--figure", tmp_path / "a.gif"], 2, ["a.gif", ".png, .pdf or .svg"]),
         ([calibrated, calibrated, "--figure", tmp_path / "a.png", "--report", tmp_path / "a.png"], 2, ["same file"]),
-        ([tmp_path / "target.json", "--report", tmp_path / "a.html"], 2, ["target.json", "cameras only"]),
+        ([tmp_path / "target.json", "--report", tmp_path / "a.html"], 2, ["target.json", "cameras and mosaics only"]),
         ([calibrated, larger, "--report", calibrated, "--overwrite"], 5, ["calibrated.json", "is an input"]),
     ]
     before = sorted(tmp_path.rglob("*"))
