@@ -138,7 +138,8 @@ class Mosaic:
     vignetting_ev
         (w1, w2) of each camera: its lens passes 2^(w1 s + w2 s^2) of the light, s = (theta/half_fov)^2; empty for none.
     level
-        How up was found: "vertical-lines", "gravity", "camera-x-axes" or "by-hand", as Hugin left it ("hugin"), or "none".
+        How up was found: "vertical-lines", "gravity", "camera-x-axes" or "by-hand"; "hugin" where up is what it was in
+        a Hugin project, "none" where the world is the first frame's.
     self_calibrated
         Whether the camera was estimated from the frames themselves.
     quality
