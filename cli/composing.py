@@ -43,6 +43,8 @@ class Wanted(NamedTuple):
         Folder for the single frames; None for none.
     memory
         Bytes that the run may take.
+    preview
+        A quick look is enough.
     """
 
     target: Placed | None
@@ -54,6 +56,7 @@ class Wanted(NamedTuple):
     fill: bool = False
     layers: Path | None = None
     memory: int = _MEMORY
+    preview: bool = False
 
 
 def add_arguments(parser: argparse.ArgumentParser, width: str) -> None:
@@ -84,7 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser, width: str) -> None:
     surface.add_argument(
         "--preview",
         action="store_true",
-        help=f"a quick look: the whole sphere {PREVIEW_PX} pixels wide, frames mixed softly",
+        help=f"a quick look: the whole sphere {PREVIEW_PX} pixels wide (less for many frames), frames mixed softly",
     )
     group.add_argument(
         "--exposure",
@@ -143,10 +146,13 @@ def check_arguments(args: argparse.Namespace, width: int | None) -> Wanted:
     """
     import numpy as np
 
+    from fullsphere.model.errors import UsageError
     from fullsphere.model.images import check_panorama
     from fullsphere.model.projection_text import parse_projection
     from fullsphere.mosaic.reference import parse_exposure
 
+    if args.preview and (args.layers or args.resume or args.nadir != "leave"):
+        raise UsageError("--preview is only a quick look: --layers, --nadir and --resume are for the panorama itself")
     asked = PREVIEW_PX if args.preview else args.size or width
     target = None
     if args.to:
@@ -158,13 +164,14 @@ def check_arguments(args: argparse.Namespace, width: int | None) -> Wanted:
     wanted = Wanted(
         target,
         parse_exposure(exposure),
-        "feather" if args.preview else args.blend,
+        args.blend,
         dtype,
         args.compression,
         args.resume,
         args.nadir == "fill",
         args.layers,
         args.memory,
+        args.preview,
     )
     size = target.projection.size if target else (2, 1)
     check_panorama(args.output, size, 4, dtype or held(args.output, np.dtype(np.uint8)), args.compression)

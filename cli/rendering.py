@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fullsphere.cli import console, messages
-from fullsphere.cli.composing import DTYPES, Wanted, held, whole_sphere
+from fullsphere.cli.composing import DTYPES, Wanted, files_of, held, whole_sphere
 from fullsphere.cli.viewer_metadata import viewer_metadata
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from fullsphere.model.icc import Profile
     from fullsphere.model.images import PanoramaWriter
     from fullsphere.model.projection_text import Placed
     from fullsphere.mosaic.budget import Room
@@ -90,8 +91,10 @@ def write_panorama(path: Path, mosaic: Mosaic, wanted: Wanted, executor: Executo
     OutputError
         If the file cannot be written.
     """
+    if wanted.preview:
+        return _write_glimpse(path, mosaic, wanted, executor, args)
     job = _planned(path, mosaic, wanted, executor, args)
-    size = job.target.projection.size
+    size, files = job.target.projection.size, _layer_files(job)
     attributes, icc_profile = _metadata(job.plan.mosaic, job.dtype)
     attributes |= viewer_metadata(job.target.projection)
     with contextlib.ExitStack() as stack:
@@ -103,8 +106,8 @@ def write_panorama(path: Path, mosaic: Mosaic, wanted: Wanted, executor: Executo
             _refuse_nothing(seen, path)
         if spool is not None:
             spool.remove()
-    layers = _write_layers(job) if wanted.layers else 0
-    return Written(size, job.dtype.name, job.plan.exposure_ev, seen / (size[0] * size[1]), wanted.fill, layers)
+    _write_layers(job, files)
+    return Written(size, job.dtype.name, job.plan.exposure_ev, seen / (size[0] * size[1]), wanted.fill, len(files))
 
 
 def described(written: Written) -> str:
@@ -126,6 +129,28 @@ def summary(written: Written) -> dict[str, Any]:
         "filled": written.filled,
         "layers": written.layers,
     }
+
+
+def _write_glimpse(path: Path, mosaic: Mosaic, wanted: Wanted, executor: Executor, args: argparse.Namespace) -> Written:
+    """A quick look at the whole sphere as a file."""
+    import numpy as np
+
+    from fullsphere.model.images import encoded_from_linear, open_panorama
+    from fullsphere.mosaic.frame_colour import common_profile
+    from fullsphere.mosaic.glimpse import glimpse
+
+    dtype = wanted.dtype or held(path, np.dtype(np.uint8))
+    found = glimpse(mosaic, wanted.exposure, executor)
+    seen, profile = float(found.picture[..., 3].mean(dtype=float)), common_profile(mosaic.registered)
+    target = whole_sphere(found.picture.shape[1])
+    attributes, icc_profile = _metadata(mosaic, dtype)
+    attributes |= viewer_metadata(target.projection)
+    size = target.projection.size
+    rows = found.picture
+    rows = _light(rows, profile, dtype) if dtype.kind == "f" else encoded_from_linear(rows, dtype, profile)
+    with open_panorama(path, size, 4, dtype, attributes, args.overwrite, icc_profile, wanted.compression) as writer:
+        writer.write_rows(0, rows)
+    return Written(size, dtype.name, found.exposure_ev, seen, False, 0)
 
 
 def _planned(path: Path, mosaic: Mosaic, wanted: Wanted, executor: Executor, args: argparse.Namespace) -> _Job:
@@ -202,19 +227,24 @@ def _composed(job: _Job, top: int) -> Iterator[Band]:
 
 
 def _samples(rows: NDArray[Any], job: _Job) -> NDArray[Any]:
-    """Rows as the file holds them: floats as linear light in the primaries of sRGB."""
-    import numpy as np
-
+    """Rows as the file holds them."""
     from fullsphere.mosaic.frame_colour import common_profile
 
     if job.dtype.kind != "f":
         return rows
-    to_srgb = common_profile(job.plan.mosaic.registered).srgb_from_own.T.astype(np.float32)
+    return _light(rows, common_profile(job.plan.mosaic.registered), job.dtype)
+
+
+def _light(rows: NDArray[Any], own: Profile, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Linear light (h, w, 4) of a colour space in the primaries of sRGB, which files of floats are in."""
+    import numpy as np
+
+    to_srgb = own.srgb_from_own.T.astype(np.float32)
     if not np.array_equal(to_srgb, np.eye(3)):
         rows[..., :3] = rows[..., :3] @ to_srgb
-    if job.dtype == np.float16:
+    if dtype == np.float16:
         np.clip(rows, -_LARGEST_HALF, _LARGEST_HALF, out=rows)
-    return rows.astype(job.dtype, copy=False)
+    return rows.astype(dtype, copy=False)
 
 
 def _spool(job: _Job) -> Spool:
@@ -254,20 +284,32 @@ def _key(job: _Job) -> str:
     )
 
 
-def _write_layers(job: _Job) -> int:
-    """Each frame on the panorama's surface, and where it is the owner, as TIFF files; answer how many frames."""
-    import numpy as np
-
+def _layer_files(job: _Job) -> list[tuple[Path, Path]]:
+    """What the layers of the registered frames are to be called: pictures and masks; checked, and the folder made."""
     from fullsphere.model.files import check_output, output_errors
-    from fullsphere.mosaic.layers import layer, layer_names, ownership
+    from fullsphere.mosaic.layers import layer_names
 
-    folder, frames = job.wanted.layers, job.plan.mosaic.registered
-    assert folder is not None
+    folder = job.wanted.layers
+    if folder is None:
+        return []
     with output_errors(folder):
         folder.mkdir(exist_ok=True)
-    files = [(folder / f"{name}.tif", folder / f"{name}_mask.tif") for name in layer_names(frames)]
+    names = layer_names(job.plan.mosaic.registered)
+    files = [(folder / f"{name}.tif", folder / f"{name}_mask.tif") for name in names]
     for path in itertools.chain.from_iterable(files):
-        check_output(path, job.args.overwrite)
+        check_output(path, job.args.overwrite, [*files_of(job.mosaic), job.path])
+    return files
+
+
+def _write_layers(job: _Job, files: list[tuple[Path, Path]]) -> None:
+    """Each frame on the panorama's surface, and where it is the owner, as TIFF files."""
+    import numpy as np
+
+    from fullsphere.mosaic.layers import layer, ownership
+
+    if not files:
+        return
+    frames = job.plan.mosaic.registered
     surface = job.target.projection
     samples = np.dtype(np.float32) if job.dtype.kind == "f" else job.dtype
     plainly = job.wanted._replace(compression=None)
@@ -281,7 +323,6 @@ def _write_layers(job: _Job) -> int:
         with _opened(mask, own, 1, np.uint8, viewer_metadata(surface), None) as writer:
             for band in ownership(job.plan.shares, k, surface, job.executor):
                 writer.write_rows(band.top, band.rows)
-    return len(frames)
 
 
 def _refuse_nothing(seen: float, path: Path) -> None:
