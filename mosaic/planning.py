@@ -11,6 +11,7 @@ import numpy as np
 
 from fullsphere.model.camera import Projection
 from fullsphere.model.lens import FloatArray
+from fullsphere.mosaic.automatic_mask import without_turning_things
 from fullsphere.mosaic.compose import Blend, plan
 from fullsphere.mosaic.overview import overviews, working_sphere
 from fullsphere.mosaic.project import Mosaic
@@ -23,17 +24,27 @@ _SAMPLES = 256  # along a side of a surface that is asked whether it shows anyth
 
 
 class Plan(NamedTuple):
-    """What `compose` takes: the mosaic after `compensated`, what each frame gives, and how bright the picture is."""
+    """What `compose` takes: the mosaic after `compensated`, what each frame gives, and how bright the picture is.
+
+    `notes` are sentences on what was done that a person may want otherwise.
+    """
 
     mosaic: Mosaic
     shares: Shares
     exposure_ev: float
+    notes: tuple[str, ...] = ()
 
 
 def planned(
-    mosaic: Mosaic, exposure: Exposure = _AS_USUAL, blend: Blend = "multiband", executor: Executor | None = None
+    mosaic: Mosaic,
+    exposure: Exposure = _AS_USUAL,
+    blend: Blend = "multiband",
+    executor: Executor | None = None,
+    hide_turning: bool = True,
 ) -> Plan:
     """Look at every registered frame once, and settle what a panorama of them is to be.
+
+    With `hide_turning` what turns with a camera is hidden (not of frames that are mixed softly, which is to be quick).
 
     Raises
     ------
@@ -46,7 +57,18 @@ def planned(
     sphere = working_sphere(len(mosaic.registered))
     seen = overviews(mosaic, sphere, executor)
     brighter = reference_ev(mosaic, exposure, seen)
-    return Plan(mosaic, plan(mosaic, executor, blend, seen), brighter)
+    notes: list[str] = []
+    if hide_turning and blend != "feather":
+        mosaic, shares = without_turning_things(mosaic, seen, executor)
+        notes = [_of_hidden(k, share, len(shares)) for k, share in enumerate(shares) if share]
+        if notes:
+            seen = overviews(mosaic, sphere, executor)
+    return Plan(mosaic, plan(mosaic, executor, blend, seen), brighter, tuple(notes))
+
+
+def _of_hidden(camera: int, share: float, cameras: int) -> str:
+    where = "its pictures" if cameras == 1 else f"the pictures of camera {camera + 1}"
+    return f"something turns with the camera and is hidden: {100 * share:.1f} % of {where}"
 
 
 def turned_to(mosaic: Mosaic, world_from_surface: FloatArray) -> Mosaic:
