@@ -1,4 +1,4 @@
-"""Pictures as the bytes of a JPEG or PNG file, made in memory.
+"""What JPEG and PNG files are made of: metadata as segments and chunks, and pixels encoded in memory.
 
 The encoders never meet the disk: on a full one libjpeg ends the whole process and libpng says nothing.
 """
@@ -35,36 +35,30 @@ class Metadata(NamedTuple):
     icc_profile: bytes = b""
 
 
-def encoded_jpeg(bgr: NDArray[Any], metadata: Metadata, quality: int) -> Pieces:
-    """A JPEG file, in pieces, of uint8 pixels (h, w, 1) or (h, w, 3) in the order blue, green, red."""
-    full_colour = [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
-    data = _encoded(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality, *full_colour])
-    (length_of_jfif,) = struct.unpack(">H", data[4:6])  # the JFIF segment, which has to stay the first
-    start = 4 + length_of_jfif
-    pieces: Pieces = [bytes(data[:start])]
+def jpeg_segments(metadata: Metadata) -> Pieces:
+    """The segments that stand behind the first one of a JPEG."""
+    pieces: Pieces = []
     if metadata.exif:
         pieces.append(_segment(0xE1, _EXIF_MARK + metadata.exif))
     if metadata.xmp:
         pieces.append(_segment(0xE1, _XMP_MARK + metadata.xmp))
-    pieces += [_segment(0xE2, part) for part in _icc_parts(metadata.icc_profile)]
-    return [*pieces, data[start:]]
+    return [*pieces, *(_segment(0xE2, part) for part in _icc_parts(metadata.icc_profile))]
 
 
-def encoded_png(bgr: NDArray[Any], metadata: Metadata, level: int) -> Pieces:
-    """A PNG file, in pieces, of uint8 or uint16 pixels (h, w, 1, 3 or 4) in the order blue, green, red, alpha."""
-    data = _encoded(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, level])
-    start = 8 + 25  # the signature and IHDR
-    pieces: Pieces = [bytes(data[:start])]
+def png_metadata(metadata: Metadata) -> Pieces:
+    """The chunks that stand behind the header of a PNG."""
+    pieces: Pieces = []
     if metadata.icc_profile:
-        pieces.append(_chunk(b"iCCP", b"ICC profile\x00\x00" + zlib.compress(metadata.icc_profile)))
+        pieces.append(png_chunk(b"iCCP", b"ICC profile\x00\x00" + zlib.compress(metadata.icc_profile)))
     if metadata.exif:
-        pieces.append(_chunk(b"eXIf", metadata.exif))
+        pieces.append(png_chunk(b"eXIf", metadata.exif))
     if metadata.xmp:
-        pieces.append(_chunk(b"iTXt", b"XML:com.adobe.xmp\x00\x00\x00\x00\x00" + metadata.xmp))
-    return [*pieces, data[start:]]
+        pieces.append(png_chunk(b"iTXt", b"XML:com.adobe.xmp\x00\x00\x00\x00\x00" + metadata.xmp))
+    return pieces
 
 
-def _encoded(ending: str, bgr: NDArray[Any], options: list[int]) -> memoryview:
+def encoded(ending: str, bgr: NDArray[Any], options: list[int]) -> memoryview:
+    """The file that OpenCV makes of a picture; MemoryError or OutputError where it does not."""
     try:
         done, data = cv2.imencode(ending, bgr, options)
     except cv2.error as error:
@@ -73,8 +67,8 @@ def _encoded(ending: str, bgr: NDArray[Any], options: list[int]) -> memoryview:
         raise OutputError(f"the picture cannot be encoded as {ending}: {error.err}") from error
     if not done:
         raise OutputError(f"the picture cannot be encoded as {ending}")
-    encoded: memoryview = data.data.cast("B")
-    return encoded
+    content: memoryview = data.data.cast("B")
+    return content
 
 
 def _segment(marker: int, content: bytes) -> bytes:
@@ -92,5 +86,6 @@ def _icc_parts(profile: bytes) -> Iterator[bytes]:
         yield _ICC_MARK + bytes((index + 1, count)) + profile[index * room : (index + 1) * room]
 
 
-def _chunk(name: bytes, content: bytes) -> bytes:
+def png_chunk(name: bytes, content: bytes) -> bytes:
+    """A chunk of a PNG: length, name, content and checksum."""
     return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))

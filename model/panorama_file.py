@@ -1,13 +1,11 @@
 """Writing panoramas row by row, in the format that the name ends in; a file is checked before it gets its name.
 
-A TIFF or OpenEXR file is written out of core.  A JPEG or PNG is held in memory at the size of its samples, and encoded
-there.
+Every file is written as it is computed: no more than some hundred rows of it are in memory.
 """
 
 from __future__ import annotations
 
 import contextlib
-import functools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,13 +14,14 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from fullsphere.model import tiled_exr, tiled_tiff
-from fullsphere.model.encoded_picture import JPEG_QUALITY, PNG_LEVEL, Metadata, encoded_jpeg, encoded_png
+from fullsphere.model.encoded_picture import JPEG_QUALITY, PNG_LEVEL, Metadata
 from fullsphere.model.errors import UsageError
 from fullsphere.model.exif_block import exif_block
 from fullsphere.model.files import replacing
-from fullsphere.model.panorama_writers import EncodedWriter, PanoramaWriter, TiledWriter
+from fullsphere.model.panorama_writers import PanoramaWriter, StreamWriter, TiledWriter
 from fullsphere.model.picture_metadata import Attributes, xmp_packet
-from fullsphere.model.resources import require_disk, require_memory
+from fullsphere.model.picture_stream import JpegStream, PngStream
+from fullsphere.model.resources import require_disk
 
 MAX_SIDE = 1 << 20
 """The longest side of a panorama in pixels."""
@@ -57,7 +56,7 @@ def check_panorama(
         If the name's ending is unknown, or the format does not hold this size, these channels or samples, or has no
         such compression.
     ResourceError
-        If the disk or, for JPEG and PNG, the memory has no room for it.
+        If the disk has no room for it.
     """
     kind, (width, height), samples = _format_of(path), size, np.dtype(dtype)
     if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE):
@@ -72,9 +71,6 @@ def check_panorama(
     _check_compression(path, kind, compression)
     count = width * height * channels * samples.itemsize
     share = 1 if compression == "none" else kind.least_share
-    if kind in (_PNG, _JPEG):
-        needed = (2 if channels == 2 else 1) * count + int(share * count)
-        require_memory(needed, f"{path}: a {kind.name} of {width} x {height} pixels", "write a .tif, or a smaller size")
     require_disk(int(share * count), path.parent, f"{path}:", "make room, or choose a smaller size")
 
 
@@ -150,12 +146,12 @@ def _writer(
     metadata = Metadata(xmp_packet(attributes), exif_block(attributes), icc_profile or b"")
     if kind is _PNG:
         level = 0 if compression == "none" else PNG_LEVEL
-        encode = functools.partial(encoded_png, metadata=metadata, level=level)
-        return EncodedWriter(path, temporary, shape, dtype, encode, largest_mean_error=0, alpha=True)
+        png = PngStream((shape[1], shape[0]), metadata, level)
+        return StreamWriter(path, temporary, shape, dtype, png, largest_mean_error=0, alpha=True)
     quality = int(compression)
-    encode = functools.partial(encoded_jpeg, metadata=metadata, quality=quality)
+    jpeg = JpegStream(shape[0], metadata, quality)
     largest = _LARGEST_JPEG_ERROR + (100 - quality)
-    return EncodedWriter(path, temporary, shape, dtype, encode, largest_mean_error=largest, alpha=False)
+    return StreamWriter(path, temporary, shape, dtype, jpeg, largest_mean_error=largest, alpha=False)
 
 
 def _check_compression(path: Path, kind: _Format, compression: str | None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import contextlib
 import zlib
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -15,6 +16,7 @@ from fullsphere.model.encoded_picture import Pieces
 from fullsphere.model.errors import InputError, OutputError
 from fullsphere.model.files import output_errors
 from fullsphere.model.image_library import ImageSpec, opened, read_rows
+from fullsphere.model.picture_stream import STRIP_ROWS, PictureStream
 from fullsphere.model.tiled_file import TILE_SIDE, TiledFile
 
 Rows = NDArray[Any]
@@ -167,8 +169,8 @@ class TiledWriter(PanoramaWriter):
         return self._read_back(y0, min(y0 + TILE_SIDE, self.shape[0]), self.shape[2])
 
 
-class EncodedWriter(PanoramaWriter):
-    """A JPEG or PNG: collected in the encoder's order of channels, encoded in memory, written in one go."""
+class StreamWriter(PanoramaWriter):
+    """A JPEG or PNG: strip after strip encoded in memory and written; no more than a strip is held."""
 
     def __init__(
         self,
@@ -176,33 +178,53 @@ class EncodedWriter(PanoramaWriter):
         temporary: Path,
         shape: Shape,
         dtype: np.dtype[Any],
-        encode: Callable[[Rows], Pieces],
+        stream: PictureStream,
         *,
         largest_mean_error: float,
         alpha: bool,
     ) -> None:
         """As the base; with the encoder, the error that it may make, and whether it keeps alpha."""
         super().__init__(path, temporary, shape, dtype)
-        self._encode, self._largest_mean_error = encode, largest_mean_error
+        self._stream, self._largest_mean_error = stream, largest_mean_error
         self._order = (_ORDER_WITH_ALPHA if alpha else _ORDER_WITHOUT)[shape[2]]
-        self._canvas = np.empty((*shape[:2], len(self._order)), dtype)
+        self._strip = np.empty((min(STRIP_ROWS, shape[0]), shape[1], len(self._order)), dtype)
+        self._first = np.empty((min(_ROWS_READ_BACK, shape[0]), *self._strip.shape[1:]), dtype)
+        self._crc = 0
+        with output_errors(path):
+            self._file = temporary.open("wb")
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._file.close()
 
     def _take(self, y0: int, rows: Rows) -> None:
-        self._canvas[y0 : y0 + len(rows)] = rows[..., self._order]
+        while len(rows):
+            start = y0 % STRIP_ROWS
+            part = rows[: STRIP_ROWS - start]
+            end = y0 + len(part)
+            self._strip[start : start + len(part)] = part[..., self._order]
+            if end % STRIP_ROWS == 0 or end == self.shape[0]:
+                if end <= STRIP_ROWS:
+                    self._first[:] = self._strip[: len(self._first)]
+                self._write(self._stream.strip(self._strip[: start + len(part)]))
+            y0, rows = end, rows[len(part) :]
 
     def _complete(self) -> None:
-        pieces = self._encode(self._canvas)
-        with output_errors(self._path), self._temporary.open("wb") as file:
-            file.writelines(pieces)
-        self._crc = _crc_of(pieces)
+        self._write(self._stream.end())
+        with output_errors(self._path):
+            self._file.close()
+
+    def _write(self, pieces: Pieces) -> None:
+        with output_errors(self._path):
+            self._file.writelines(pieces)
+        self._crc = _crc_of(pieces, self._crc)
 
     def _check(self) -> None:
         with output_errors(self._path), self._temporary.open("rb") as file:
             self._refuse_difference(_crc_of(iter(lambda: file.read(1 << 20), b"")) == self._crc)
-        rows = min(_ROWS_READ_BACK, self.shape[0])
-        channels = self._canvas.shape[2]
-        found = self._read_back(0, rows, channels)[..., _ORDER_WITH_ALPHA[channels]]
-        error = np.abs(found.astype(np.int32) - self._canvas[:rows])
+        channels = self._first.shape[2]
+        found = self._read_back(0, len(self._first), channels)[..., _ORDER_WITH_ALPHA[channels]]
+        error = np.abs(found.astype(np.int32) - self._first)
         self._refuse_difference(bool(error.mean() <= self._largest_mean_error))
 
 
@@ -215,8 +237,7 @@ def _are_near(found: Rows, written: Rows) -> bool:
     return bool(np.abs(found - written).mean() <= _LARGEST_LOSS * np.abs(written).mean())
 
 
-def _crc_of(pieces: Iterable[bytes | memoryview]) -> int:
-    crc = 0
+def _crc_of(pieces: Iterable[bytes | memoryview], crc: int = 0) -> int:
     for piece in pieces:
         crc = zlib.crc32(piece, crc)
     return crc

@@ -7,6 +7,9 @@ from typing import Literal
 
 from fullsphere.model.lens import FloatArray
 
+AUTO = "auto"
+"""The name of no lens in particular: the one that fits."""
+
 Order = Literal["any", "ring", "sweep"]
 """How the frames follow one another: not at all, along a closed turn, along an open or winding sweep."""
 
@@ -44,14 +47,15 @@ class Options:
     levelling
         How the world is turned upright.
     lens
-        Name of the lens fitted where the camera is estimated from the frames; as in camera.json.
+        Name of the lens fitted where the camera is estimated from the frames, as in camera.json; `AUTO` for the one of
+        Bakstein & Pajdla's and Kannala & Brandt's that fits.
     refine
         Whether a given camera is adjusted too, held by what its calibration knows of it.
     """
 
     order: Order = "any"
     levelling: Levelling = Levelling()
-    lens: str = "bakstein-pajdla"
+    lens: str = AUTO
     refine: bool = False
 
 

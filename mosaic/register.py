@@ -91,7 +91,7 @@ def register(
         if given is not None:
             return _under(given, covariances, evidence, rig, options.refine, executor)
         return self_calibration.settle(
-            evidence, cameras, [one[0] for one in _starts(of_camera, circles)], rig, executor
+            evidence, cameras, [one[0] for one in _starts(of_camera, circles)], rig, options.lens, executor
         )
 
     def solve(evidence: Evidence) -> Solution:

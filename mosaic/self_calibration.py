@@ -17,12 +17,15 @@ import numpy as np
 from fullsphere.model.calibration.lens_fit import fitted_lenses
 from fullsphere.model.camera import Camera
 from fullsphere.model.circle import ImageCircle
-from fullsphere.model.lens import LENSES, BaksteinPajdla, Equidistant, Equisolid, Lens, Perspective
+from fullsphere.model.errors import GeometryError
+from fullsphere.model.lens import LENSES, BaksteinPajdla, Equidistant, Equisolid, KannalaBrandt, Lens, Perspective
 from fullsphere.mosaic.adjust import Adjustment, Known, with_same_circle
+from fullsphere.mosaic.lens_spread import gain, with_lens_spread
 from fullsphere.mosaic.links import Evidence
+from fullsphere.mosaic.options import AUTO
 from fullsphere.mosaic.project import Link
 from fullsphere.mosaic.rig import Rig
-from fullsphere.mosaic.solution import Solution, solve_links, thinned
+from fullsphere.mosaic.solution import Solution, readjusted, solve_links, thinned
 
 CIRCLE_HALF_FOVS_DEG = (75, 82, 88, 94, 100, 108, 118)
 FULL_FRAME_STARTS: tuple[tuple[type[Lens], float], ...] = (
@@ -40,6 +43,7 @@ _SAMPLE = 150  # matches of a link that are enough while the camera is being fou
 _NOT_SQUARE = 0.005  # standard deviation of the aspect: pixels are square, but some pictures were resized unevenly
 _OFF_CENTRE = 0.02  # of the circle's radius: standard deviation of the axis from the circle's centre
 _CENTRE = ("centre_u_px", "centre_v_px")
+_CLEARLY = 10.0  # variances of a keypoint that a lens must fit better: a fifth value alone gains one
 
 
 def starting_cameras(size: tuple[int, int], circle: ImageCircle | None) -> list[Camera]:
@@ -94,7 +98,7 @@ def self_calibrate(
     evidence: Evidence,
     starts: Sequence[tuple[Camera, ...]],
     rig: Rig,
-    lens: str = BaksteinPajdla.projection,
+    lens: str = AUTO,
     executor: Executor | None = None,
 ) -> Solution:
     """From one length to the whole camera, the matches chosen anew each time the camera is known better.
@@ -110,7 +114,7 @@ def self_calibrate(
     rig
         Which camera took which frame.
     lens
-        Name of the lens that the last adjustment fits.
+        Name of the lens that the last adjustment fits; `AUTO` for the one of two that fits the matches.
     executor
         Where pairs are worked on side by side.
 
@@ -120,9 +124,9 @@ def self_calibrate(
         If no two frames can be registered under any of the starts.
     """
     cameras = _found(evidence, starts, rig, executor)
-    if lens != BaksteinPajdla.projection:
+    if lens not in (AUTO, BaksteinPajdla.projection):
         cameras = of_one_lens(tuple(with_lens(camera, lens) for camera in cameras))
-    return settle(evidence, cameras, starts[0], rig, executor)
+    return settle(evidence, cameras, starts[0], rig, lens, executor)
 
 
 def settle(
@@ -130,15 +134,38 @@ def settle(
     cameras: Sequence[Camera],
     starts: Sequence[Camera],
     rig: Rig,
+    lens: str = AUTO,
     executor: Executor | None = None,
 ) -> Solution:
     """The last adjustment of cameras that are nearly found, with all matches; parameters as of `self_calibrate`.
 
-    `starts` has one of the starting cameras for every camera of the rig: they tell the circles.
+    `starts` has one of the starting cameras for every camera of the rig: they tell the circles.  A second lens formula
+    is fitted beside that of the cameras: to be taken in its place where it fits clearly better and no lens was asked
+    for, and to tell how far the first may be trusted.
     """
+    known = _usual(starts)
     links = evidence.links(cameras, tolerance_px(cameras), executor)
     tied = (*_lens_names(cameras), "aspect")
-    return solve_links(links, rig, cameras, (*tied, *_CENTRE), known=_usual(starts), tied=tied)
+    solution = solve_links(links, rig, cameras, (*tied, *_CENTRE), known=known, tied=tied)
+    other = with_other_lens(solution, rig, known)
+    if other is None:
+        return solution
+    if lens == AUTO and gain(solution, other) > _CLEARLY:
+        return other
+    return with_lens_spread(solution, other)
+
+
+def with_other_lens(solution: Solution, rig: Rig, known: Sequence[Known]) -> Solution | None:
+    """The same with another lens formula; None where that cannot image what the cameras do."""
+    kinds = (KannalaBrandt.projection, BaksteinPajdla.projection)
+    found = solution.adjustment.cameras
+    kind = next(kind for kind in kinds if kind != found[0].lens.projection)
+    try:
+        cameras = of_one_lens(tuple(with_lens(camera, kind) for camera in found))
+        tied = (*_lens_names(cameras), "aspect")
+        return readjusted(solution, rig, cameras, (*tied, *_CENTRE), known, tied)
+    except GeometryError:
+        return None
 
 
 def _found(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import GeometryError
+from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.adjust import Adjustment, Known, adjust, spread_px
 from fullsphere.mosaic.matching import MIN_INLIERS
 from fullsphere.mosaic.orientation import connected_groups, disagreement_deg, first_orientations
@@ -73,24 +74,60 @@ def solve_links(
         group = connected_groups(agreeing, count)[0]
         agreeing = [link for link in agreeing if link.i in group]
     kept = agreeing or inner
-    used = [thinned(link, max(MIN_INLIERS, _MOST_MATCHES // len(kept))) for link in kept]
-    spread = 1.0
-    for k, asked in enumerate(robust_scales_px):
-        scale = max(_SHARP * spread, _LEAST_SCALE_PX) if asked is None else asked
-        fall = tolerance if k == len(robust_scales_px) - 1 else 1e-3
-        adjustment = adjust(used, rotations, group, cameras, free, scale, fall, rig, known, tied)
-        rotations, cameras = adjustment.rotations, adjustment.cameras
-        spread = spread_px(np.concatenate(adjustment.residuals_px))
-    return Solution(kept, group, adjustment)
+    return Solution(
+        kept, group, _in_steps(kept, rotations, group, cameras, free, robust_scales_px, tolerance, rig, known, tied)
+    )
+
+
+def readjusted(
+    solution: Solution,
+    rig: Rig,
+    cameras: Sequence[Camera],
+    free: Sequence[str],
+    known: Sequence[Known | None] = (),
+    tied: Sequence[str] = (),
+) -> Solution:
+    """The solution adjusted on with other cameras, or with other of their values free; parameters as of `solve_links`.
+
+    Raises
+    ------
+    GeometryError
+        If the matches do not determine the rotations.
+    """
+    links, group, (rotations, *_) = solution
+    scales = (spread_px(np.concatenate(solution.adjustment.residuals_px)), None)
+    return Solution(links, group, _in_steps(links, rotations, group, cameras, free, scales, 1e-7, rig, known, tied))
 
 
 def refined(solution: Solution, rig: Rig, known: Sequence[Known | None]) -> Solution:
     """The solution with the cameras adjusted too, held by the covariances with which they are known."""
-    links, group, (rotations, cameras, *_) = solution
+    cameras = solution.adjustment.cameras
     names = tuple(dict.fromkeys(name for camera in cameras for name in camera.parameter_names))
-    free = tuple(name for name in names if known or name != "aspect")
+    return readjusted(solution, rig, cameras, tuple(name for name in names if known or name != "aspect"), known)
+
+
+def _in_steps(
+    links: Sequence[Link],
+    rotations: FloatArray,
+    group: NDArray[np.intp],
+    cameras: Sequence[Camera],
+    free: Sequence[str],
+    scales_px: Sequence[float | None],
+    tolerance: float,
+    rig: Rig,
+    known: Sequence[Known | None],
+    tied: Sequence[str],
+) -> Adjustment:
+    """One adjustment after another, each with its robust scale, of no more matches than are worth it."""
     used = [thinned(link, max(MIN_INLIERS, _MOST_MATCHES // len(links))) for link in links]
-    return Solution(links, group, adjust(used, rotations, group, cameras, free, rig=rig, known=known))
+    spread = 1.0
+    for k, asked in enumerate(scales_px):
+        scale = max(_SHARP * spread if asked is None else asked, _LEAST_SCALE_PX)
+        fall = tolerance if k == len(scales_px) - 1 else 1e-3
+        adjustment = adjust(used, rotations, group, cameras, free, scale, fall, rig, known, tied)
+        rotations, cameras = adjustment.rotations, adjustment.cameras
+        spread = spread_px(np.concatenate(adjustment.residuals_px))
+    return adjustment
 
 
 def thinned(link: Link, most: int) -> Link:

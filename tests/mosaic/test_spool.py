@@ -47,7 +47,7 @@ def test_a_damaged_band_and_what_follows_it_are_not_kept(harm: str, tmp_path: Pa
     path = tmp_path / "s" / "band-0000020"
     content = bytearray(path.read_bytes())
     content[100] ^= 255
-    path.write_bytes({"cut": content[:-240], "flip": content, "miss": b""}[harm])
+    path.write_bytes(bytes({"cut": content[:-240], "flip": content, "miss": b""}[harm]))
     with Spool(tmp_path / "s", "a", SIZE, np.uint16) as spool:
         assert [band.top for band in spool.kept()] == [0]
 
