@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fullsphere.model.calibration.select import Selection
     from fullsphere.model.circle import ImageCircle
 
-AUTO = "auto"
+AUTO, USUAL_LENS = "auto", "bakstein-pajdla"
 
 
 class Measured(NamedTuple):
@@ -38,16 +38,18 @@ class Found(NamedTuple):
     selection: Selection | None
 
 
-def add_lens_arguments(parser: Any, auto: str = "auto to compare all kinds") -> None:
-    """Declare what says how to calibrate, whatever from; `auto` says what that does."""
+def add_lens_arguments(
+    parser: Any, auto: str = "auto to compare all kinds", default: str | None = USUAL_LENS, usual: str = USUAL_LENS
+) -> None:
+    """Declare what says how to calibrate, whatever from; `auto` and `usual` say what those words and no word mean."""
     parser.add_argument(
         "--target", metavar="SPEC", help="the target in the photos: chessboard:6x8:30mm, target.json ..."
     )
     parser.add_argument(
         "--lens",
-        default="bakstein-pajdla",
+        default=default,
         metavar="NAME",
-        help=f"kind of lens, or {auto} (default: %(default)s)",
+        help=f"kind of lens, or {auto} (default: {usual})",
     )
     parser.add_argument("--bow", action="store_true", help="the flat target may be bowed: solve for that too")
 

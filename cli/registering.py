@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from fullsphere.cli import console, messages
 from fullsphere.cli.calibrating import (
     AUTO,
+    USUAL_LENS,
     Measured,
     add_lens_arguments,
     calibrated,
@@ -61,7 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="calibrate first: from photos of a --target, or from one CSV of known 3D points and their pixels",
     )
-    add_lens_arguments(parser, auto="with --calibrate auto to compare all kinds")
+    add_lens_arguments(
+        parser,
+        auto="auto: with --calibrate all kinds are compared, else two",
+        default=None,
+        usual=f"with --calibrate {USUAL_LENS}, else auto",
+    )
     parser.add_argument(
         "--refine", action="store_true", help="adjust a calibrated camera too, held by what its calibration knows"
     )
@@ -89,9 +95,9 @@ def check_arguments(args: argparse.Namespace) -> Options:
     from fullsphere.model.errors import UsageError
     from fullsphere.mosaic.options import Options
 
+    if args.lens is None:
+        args.lens = USUAL_LENS if args.calibrate else AUTO
     check_lens(args)
-    if args.lens == AUTO and not args.calibrate:
-        raise UsageError("--lens auto compares lenses by known points; give those with --calibrate, or name a lens")
     if args.target and not args.calibrate:
         raise UsageError("--target says what is in the photos of --calibrate; give those too")
     if args.target and is_table(args.calibrate):
@@ -105,7 +111,7 @@ def check_arguments(args: argparse.Namespace) -> Options:
     return Options(
         order=args.order,
         levelling=levelling_of(args),
-        lens="bakstein-pajdla" if args.lens == AUTO else args.lens,
+        lens=args.lens,
         refine=args.refine,
     )
 
