@@ -20,6 +20,7 @@ _BANDS = 4  # of the panorama: one that is written, those that are computed ahea
 _PER_TILE_PX = 150  # bytes for a pixel of a tile that is computed
 _WHILE_OPENED = 4  # copies of a frame: decoded, in its colour space, with its border
 _TILES = (512, 256, 128)
+_MOST_IN_BANDS = 1 << 27  # wider panoramas are made in lower bands
 
 
 class Room(NamedTuple):
@@ -55,7 +56,7 @@ def shared_out(
             f"{name}: --memory {_in_mb(memory)} is too little for {len(frames)} frames and {size[0]} x {size[1]} "
             f"pixels; give it at least {_in_mb(least)}, or choose a smaller size or fewer threads"
         )
-    fitting = [tile for tile in _TILES if needed(tile) <= memory // 2]
+    fitting = [tile for tile in _TILES if needed(tile) <= memory // 2 and _BANDS * tile * row <= _MOST_IN_BANDS]
     tile = fitting[0] if fitting else _TILES[-1]
     return Room(max(memory - needed(tile), 0), tile)
 

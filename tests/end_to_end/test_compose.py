@@ -278,3 +278,16 @@ def test_new_circles_of_one_picture_share_it(fullsphere: Run, tmp_path: Path) ->
     dark, bright = (read_picture(tmp_path / name).pixels for name in ("p.png", "q.png"))
     seen = bright[..., 3] > 0
     np.testing.assert_allclose(dark[seen][:, :3], 0.8 * bright[seen][:, :3], atol=6)
+
+
+def test_too_little_memory_says_the_least_that_is_needed(project: Path, fullsphere: Run, tmp_path: Path) -> None:
+    run = fullsphere("compose", project, "-o", tmp_path / "p.tif", "--size", 256, "--memory", "100MB")
+    assert (run.code, "give it at least" in run.error_line) == (6, True)
+    assert not list(tmp_path.iterdir())
+
+
+def test_memory_changes_no_byte(project: Path, fullsphere: Run, tmp_path: Path) -> None:
+    for memory in ("600MB", "4GB"):
+        run = fullsphere("compose", project, "-o", tmp_path / f"{memory}.tif", "--size", 700, "--memory", memory)
+        assert run.code == 0, run.err
+    assert (tmp_path / "600MB.tif").read_bytes() == (tmp_path / "4GB.tif").read_bytes()
