@@ -10,6 +10,7 @@ import numpy as np
 
 from fullsphere.model.camera import Camera
 from fullsphere.model.lens import FloatArray
+from fullsphere.mosaic.found_camera import curve_sigma_px
 from fullsphere.mosaic.links import Evidence, Pair
 from fullsphere.mosaic.moving_things import moving_things
 from fullsphere.mosaic.parallax import Parallax, parallaxes
@@ -130,12 +131,9 @@ def _of_weak_lens(mosaic: Mosaic) -> list[str]:
 def _widest(camera: Camera, covariance: FloatArray | None) -> tuple[float, float]:
     """The largest standard deviation of r(theta) in pixels, and the angle where it is."""
     theta = np.linspace(0, camera.half_fov, 60)[1:]
-    own = len(camera.lens.values)
-    by_value = np.asarray(camera.lens.radius_by_parameter(theta)).reshape(len(theta), own)
-    known = np.zeros((own, own)) if covariance is None else covariance[:own, :own]
-    variance = np.einsum("ti,ij,tj->t", by_value, known, by_value)
-    worst = int(variance.argmax())
-    return math.sqrt(max(float(variance[worst]), 0.0)), float(theta[worst])
+    sigma = np.zeros(len(theta)) if covariance is None else curve_sigma_px(camera, covariance, theta)
+    worst = int(sigma.argmax())
+    return float(sigma[worst]), float(theta[worst])
 
 
 def _angles_seen(mosaic: Mosaic, camera: int) -> FloatArray:

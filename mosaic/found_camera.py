@@ -8,8 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
+from fullsphere.model.camera import Camera
+from fullsphere.model.lens import FloatArray
 from fullsphere.model.store import save_camera
 from fullsphere.mosaic.project import Mosaic
+
+
+def curve_sigma_px(camera: Camera, covariance: FloatArray, theta: FloatArray) -> FloatArray:
+    """Standard deviation (n,) of r(theta) at angles (n,), from the covariance (P, P) of a camera's values."""
+    own = len(camera.lens.values)
+    by_value = np.asarray(camera.lens.radius_by_parameter(theta)).reshape(len(theta), own)
+    variance = np.einsum("ti,ij,tj->t", by_value, covariance[:own, :own], by_value)
+    return np.asarray(np.sqrt(np.maximum(variance, 0)))
 
 
 def save_found_camera(path: Path, mosaic: Mosaic, overwrite: bool = False) -> None:
@@ -27,9 +37,7 @@ def save_found_camera(path: Path, mosaic: Mosaic, overwrite: bool = False) -> No
     covariance = mosaic.camera_covariances[0]
     theta_deg = np.arange(math.floor(math.degrees(camera.half_fov) + 1e-9) + 1.0)
     theta = np.minimum(np.radians(theta_deg), camera.half_fov)
-    by_value = camera.lens.radius_by_parameter(theta)
-    own = covariance[: by_value.shape[-1], : by_value.shape[-1]]
-    sigma = np.sqrt(np.maximum(np.einsum("ti,ij,tj->t", by_value, own, by_value), 0))
+    sigma = curve_sigma_px(camera, covariance, theta)
     record = {
         "rms_px": mosaic.quality["residual_rms_px"],
         "points": int(mosaic.quality["matches"]),
