@@ -36,7 +36,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry out the command."""
-    from fullsphere.model.files import check_output
     from fullsphere.model.workers import thread_pool
     from fullsphere.mosaic.reuse import with_pictures
     from fullsphere.mosaic.store import load_mosaic
@@ -44,12 +43,14 @@ def run(args: argparse.Namespace) -> int:
     wanted = composing.check_arguments(args, None)
     mosaic = load_mosaic(args.mosaic)
     composing.check_frames(mosaic, args.mosaic, args.frames or ())
-    check_output(args.output, args.overwrite, [args.mosaic, *composing.files_of(mosaic, args.frames or ())])
+    inputs = [args.mosaic, *composing.files_of(mosaic, args.frames or ())]
+    composing.check_outputs(args, [args.output], inputs)
     with thread_pool(args.threads) as executor:
         if args.frames:
             console.say(args, f"measuring the light of {console.counted(len(args.frames), 'new picture')}")
             mosaic = with_pictures(mosaic, args.frames, executor)
         written = rendering.write_panorama(args.output, mosaic, wanted, executor, args)
+    rendering.warn(written)
     console.report(args, _summary(args, mosaic, written), [f"{args.output}: {rendering.described(written)}"])
     return console.done(args, with_warnings=False)
 

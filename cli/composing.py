@@ -45,6 +45,10 @@ class Wanted(NamedTuple):
         Bytes that the run may take.
     preview
         A quick look is enough.
+    hide_turning
+        Whether what turns with the camera is hidden.
+    report
+        The page about it to write; None for none.
     """
 
     target: Placed | None
@@ -57,6 +61,8 @@ class Wanted(NamedTuple):
     layers: Path | None = None
     memory: int = _MEMORY
     preview: bool = False
+    hide_turning: bool = True
+    report: Path | None = None
 
 
 def add_arguments(parser: argparse.ArgumentParser, width: str) -> None:
@@ -119,6 +125,18 @@ def add_arguments(parser: argparse.ArgumentParser, width: str) -> None:
         help="what nobody sees: left transparent, or continued smoothly from around it (default: %(default)s)",
     )
     group.add_argument(
+        "--turning",
+        choices=("hide", "keep"),
+        default="hide",
+        help="what turns with the camera, a strap or shoes, where other frames see past it (default: %(default)s)",
+    )
+    group.add_argument(
+        "--report",
+        type=Path,
+        metavar="FILE.html",
+        help="also write a page about the panorama: light, seams, where frames disagree, coverage",
+    )
+    group.add_argument(
         "--layers",
         type=Path,
         metavar="FOLDER",
@@ -151,8 +169,10 @@ def check_arguments(args: argparse.Namespace, width: int | None) -> Wanted:
     from fullsphere.model.projection_text import parse_projection
     from fullsphere.mosaic.reference import parse_exposure
 
-    if args.preview and (args.layers or args.resume or args.nadir != "leave"):
-        raise UsageError("--preview is only a quick look: --layers, --nadir and --resume are for the panorama itself")
+    if args.preview and (args.layers or args.resume or args.report or args.nadir != "leave"):
+        raise UsageError(
+            "--preview is only a quick look: --layers, --nadir, --report and --resume are for the panorama itself"
+        )
     asked = PREVIEW_PX if args.preview else args.size or width
     target = None
     if args.to:
@@ -172,10 +192,24 @@ def check_arguments(args: argparse.Namespace, width: int | None) -> Wanted:
         args.layers,
         args.memory,
         args.preview,
+        args.turning == "hide",
+        args.report,
     )
     size = target.projection.size if target else (2, 1)
     check_panorama(args.output, size, 4, dtype or held(args.output, np.dtype(np.uint8)), args.compression)
     return wanted
+
+
+def check_outputs(args: argparse.Namespace, outputs: Sequence[Path | None], inputs: Sequence[Path]) -> None:
+    """Make sure, before the work, that the files and the page can be written; OutputError if not."""
+    from fullsphere.model.files import check_output
+
+    for output in filter(None, outputs):
+        check_output(output, args.overwrite, inputs)
+    if args.report:
+        from fullsphere.cli.page import check_page
+
+        check_page(args.report, args.overwrite, inputs)
 
 
 def plain(width: int) -> Wanted:

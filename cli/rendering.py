@@ -48,6 +48,8 @@ class Written(NamedTuple):
         Whether the others were filled.
     layers
         How many layers were written beside it.
+    notes
+        Sentences on what was done that a person may want otherwise.
     """
 
     size: tuple[int, int]
@@ -56,6 +58,7 @@ class Written(NamedTuple):
     seen: float
     filled: bool
     layers: int
+    notes: tuple[str, ...] = ()
 
 
 class _Job(NamedTuple):
@@ -107,7 +110,15 @@ def write_panorama(path: Path, mosaic: Mosaic, wanted: Wanted, executor: Executo
         if spool is not None:
             spool.remove()
     _write_layers(job, files)
-    return Written(size, job.dtype.name, job.plan.exposure_ev, seen / (size[0] * size[1]), wanted.fill, len(files))
+    _write_report(job)
+    share, notes = seen / (size[0] * size[1]), job.plan.notes
+    return Written(size, job.dtype.name, job.plan.exposure_ev, share, wanted.fill, len(files), notes)
+
+
+def warn(written: Written) -> None:
+    """Say what was done that a person may want otherwise."""
+    for note in written.notes:
+        messages.warn(f"{note}; --turning keep shows it")
 
 
 def described(written: Written) -> str:
@@ -128,6 +139,7 @@ def summary(written: Written) -> dict[str, Any]:
         "seen": written.seen,
         "filled": written.filled,
         "layers": written.layers,
+        "notes": list(written.notes),
     }
 
 
@@ -170,7 +182,8 @@ def _planned(path: Path, mosaic: Mosaic, wanted: Wanted, executor: Executor, arg
     check_panorama(path, size, 4, dtype, wanted.compression)
     room = shared_out(wanted.memory, mosaic, size, dtype, args.threads or usable_cores(), str(path))
     console.say(args, f"looking at {console.counted(len(mosaic.registered), 'frame')}")
-    plan = planned(turned_to(mosaic, target.world_from_projection), wanted.exposure, wanted.blend, executor)
+    turned = turned_to(mosaic, target.world_from_projection)
+    plan = planned(turned, wanted.exposure, wanted.blend, executor, wanted.hide_turning)
     _refuse_nothing(shows_anything(plan, target.projection), path)
     return _Job(path, mosaic, plan, target, dtype, wanted, room, executor, args)
 
@@ -280,7 +293,8 @@ def _key(job: _Job) -> str:
         mosaic_to_dict(job.mosaic, job.path.parent),
         masks,
         [surface.size, spelled, target.world_from_projection],
-        [job.wanted.exposure, job.wanted.blend, plan.exposure_ev, str(job.computed), job.room.tile_px],
+        [job.wanted.exposure, job.wanted.blend, job.wanted.hide_turning],
+        [plan.exposure_ev, str(job.computed), job.room.tile_px],
     )
 
 
@@ -323,6 +337,16 @@ def _write_layers(job: _Job, files: list[tuple[Path, Path]]) -> None:
         with _opened(mask, own, 1, np.uint8, viewer_metadata(surface), None) as writer:
             for band in ownership(job.plan.shares, k, surface, job.executor):
                 writer.write_rows(band.top, band.rows)
+
+
+def _write_report(job: _Job) -> None:
+    """The page about the panorama, if it was asked for."""
+    if job.wanted.report is None:
+        return
+    from fullsphere.cli.page import write_page
+    from fullsphere.cli.panorama_page import page_of_panorama
+
+    write_page(job.wanted.report, page_of_panorama(job.path.name, job.plan, job.executor), job.args.overwrite)
 
 
 def _refuse_nothing(seen: float, path: Path) -> None:

@@ -28,15 +28,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry out the command."""
-    from fullsphere.model.files import check_output
     from fullsphere.model.workers import thread_pool
     from fullsphere.mosaic.stitch import solve
     from fullsphere.mosaic.store import save_mosaic
 
     options = registering.check_arguments(args)
     wanted = composing.check_arguments(args, _WIDTH_PX)
-    for output in filter(None, (args.output, args.mosaic)):
-        check_output(output, args.overwrite, registering.inputs_of(args))
+    composing.check_outputs(args, [args.output, args.mosaic], registering.inputs_of(args))
     with thread_pool(args.threads) as executor:
         frames, (cameras, covariances) = registering.gather(args, executor)
         with registering.told_of_frames(frames):
@@ -45,6 +43,7 @@ def run(args: argparse.Namespace) -> int:
             save_mosaic(args.mosaic, mosaic, args.overwrite)
         written = rendering.write_panorama(args.output, mosaic, wanted, executor, args)
     left_out = registering.warn(mosaic)
+    rendering.warn(written)
     summary = {"panorama": str(args.output), **registering.summary(mosaic), **rendering.summary(written)}
     said = [*registering.lines(args.output, mosaic), f"  {rendering.described(written)}"]
     console.report(args, summary, said)

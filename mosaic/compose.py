@@ -81,7 +81,6 @@ def compose(
     exposure_ev: float = 0.0,
     frame_bytes: int = FRAME_BYTES,
     tile_px: int = TILE_PX,
-    top: int = 0,
 ) -> Iterator[Band]:
     """Render a mosaic.
 
@@ -104,8 +103,6 @@ def compose(
         Memory for frames.
     tile_px
         Side of the tiles; it changes nothing in the picture.
-    top
-        The row to begin with, a multiple of `tile_px`.
 
     Yields
     ------
@@ -122,10 +119,9 @@ def compose(
         return np.dstack([encoded_from_linear(light, dtype, profile), _alpha(seen, dtype)])
 
     across = math.ceil(width / tile_px)
-    wanted = [tile for tile in tiles(surface.size, tile_px) if tile[0].start >= top]
-    finished = ordered_map(executor, render, wanted, ahead=2 * across)
-    for row in range(top, height, tile_px):
-        yield Band(row, np.concatenate([next(finished) for _ in range(across)], axis=1))
+    finished = ordered_map(executor, render, tiles(surface.size, tile_px), ahead=2 * across)
+    for top in range(0, height, tile_px):
+        yield Band(top, np.concatenate([next(finished) for _ in range(across)], axis=1))
 
 
 def _alpha(seen: NDArray[np.bool_], dtype: type[np.generic]) -> NDArray[Any]:

@@ -274,12 +274,6 @@ def test_feathered_frames_are_mixed_where_both_see() -> None:
     assert off.mean() < 1e-4  # but for pixels of the very rim, which one of them fills
 
 
-def test_it_can_begin_at_any_row_of_tiles(smooth: Mosaic) -> None:
-    bands = list(compose(smooth, SURFACE, np.float32, tile_px=128, top=256))
-    assert [band.top for band in bands] == [256, 384]
-    np.testing.assert_array_equal(np.concatenate([band.rows for band in bands]), whole(smooth, tile_px=128)[256:])
-
-
 def test_a_clipped_lamp_is_white_in_the_panorama() -> None:
     """All that an overexposed frame tells of a lamp is that it is brighter than its own white."""
     codes = np.full((500, 500, 3), 120, np.uint8)
