@@ -48,7 +48,7 @@ def jobs(mosaic: Path, width: int, place: Path) -> dict[str, Callable[[], float]
     ours = fullsphere("compose", str(mosaic), "-o", "ours.tif", "--size", str(width), "--threads", "2", "--overwrite")
     return {
         "fullsphere compose": lambda: seconds_of(*ours),
-        "nona": lambda: seconds_of("nona", "-t", "2", "-m", "TIFF_m", "-o", "remapped", "sized.pto"),
+        "nona": lambda: seconds_of("nona", "-m", "TIFF_m", "-o", "remapped", "sized.pto"),
         "enblend": lambda: seconds_of(
             "enblend", "--wrap=horizontal", "-f", f"{width}x{height}", "-o", "enblend.tif", *remapped()
         ),
