@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from fullsphere.cli.mosaic_words import number, quality_lines
@@ -13,8 +14,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fullsphere.cli.figures import Drawing
+    from fullsphere.cli.plots_mosaic import View
+    from fullsphere.model.surface import Equirectangular
+    from fullsphere.model.table import RayTable
     from fullsphere.mosaic.project import Frame, Mosaic
-    from fullsphere.mosaic.residuals import FrameResiduals, Residuals
+    from fullsphere.mosaic.residuals import FrameResiduals
 
 _HEADINGS = ("frame", "yaw", "pitch", "roll", "sigma", "exposure", "links", "matches", "median", "held out")
 
@@ -22,19 +26,20 @@ _HEADINGS = ("frame", "yaw", "pitch", "roll", "sigma", "exposure", "links", "mat
 def page_of_mosaic(name: str, mosaic: Mosaic) -> Page:
     """The page about a mosaic; frames whose pictures cannot be opened are shown by their outlines."""
     from fullsphere.cli import plots_mosaic as plots
-    from fullsphere.mosaic.residuals import against_theta, by_frame, residuals
+    from fullsphere.mosaic.residuals import against_theta, by_frame, residuals, sights
 
-    found = residuals(mosaic)
-    sheet, missing = _sheet(mosaic)
+    found, view = residuals(mosaic), plots.view_of(mosaic)
+    sheet, missing = contact_picture(mosaic, view)
     registered, left_out = mosaic.registered, [frame for frame in mosaic.frames if not frame.registered]
-    sphere = [plots.contact_sheet(mosaic, sheet)] if registered else []
+    sphere = [plots.contact_sheet(mosaic, view, sheet)] if registered else []
     if mosaic.links:
-        sphere.append(plots.link_graph(mosaic, found))
+        sphere.append(plots.link_graph(mosaic, view, found))
     drawings: list[Drawing] = []
     if found.i.size:
-        drawings.append(plots.against_theta(against_theta(found), held=bool(found.held.any())))
+        seen = sights(mosaic, found)
+        drawings.append(plots.against_theta(against_theta(seen), held=bool(found.held.any())))
         for k, camera in enumerate(mosaic.cameras):
-            own = found.where(_of_camera(mosaic, found, k))
+            own = seen.where(_camera_of(mosaic)[seen.frame] == k)
             drawings.append(plots.arrows(camera, own, f"arrows-{k + 1}"))
     table = Table(_HEADINGS, tuple(_row(f, r) for f, r in zip(mosaic.frames, by_frame(mosaic, found), strict=True)))
     absent = (f"Not opened, and so shown by outlines alone: {'; '.join(missing)}.",) if missing else ()
@@ -56,7 +61,8 @@ def page_of_mosaic(name: str, mosaic: Mosaic) -> Page:
 
 
 _UNITS = (
-    "Angles in degrees, exposure in EV; median residuals in pixels: of the fit's matches, and of those that no fit saw."
+    "Angles in degrees, exposure in EV. Medians in pixels: the error of one keypoint among the fit's matches, and held "
+    "out, the distance between both keypoints of matches that no fit saw, which is the larger even where all is well."
 )
 
 
@@ -82,37 +88,57 @@ def _row(frame: Frame, found: FrameResiduals) -> tuple[str, ...]:
 
     if frame.camera_from_world is None:
         return (frame.id, *["left out"], *[""] * (len(_HEADINGS) - 2))
-    angles = [f"{angle:.2f}" for angle in yaw_pitch_roll_deg(frame.camera_from_world)]
+    angles = [f"{round(angle, 2) + 0.0:.2f}" for angle in yaw_pitch_roll_deg(frame.camera_from_world)]
     sigma = "" if frame.sigma_deg is None else f"{frame.sigma_deg:.4f}"
     medians = number(found.median_px), number(found.held_median_px)
     return (frame.id, *angles, sigma, f"{frame.exposure_ev:+.2f}", str(found.links), str(found.matches), *medians)
 
 
-def _of_camera(mosaic: Mosaic, found: Residuals, camera: int) -> NDArray[np.bool_]:
+def _camera_of(mosaic: Mosaic) -> NDArray[np.intp]:
     import numpy as np
 
-    return np.array([frame.camera == camera for frame in mosaic.frames])[found.j]
+    return np.array([frame.camera for frame in mosaic.frames])
 
 
-def _sheet(mosaic: Mosaic) -> tuple[NDArray[np.uint8] | None, list[str]]:
-    """What the frames show together (H, W, 3), and what became of those that cannot be opened."""
+_SHEET_PX = 1600, 1024  # width of the contact sheet: of a few frames, and of many
+_FEW = 40
+_TABLE_PX = 1e-3  # plenty for a picture to look at
+_INWARDS = 4  # power of how far from its border a frame sees a thing: near the middle it counts most
+
+
+def contact_picture(mosaic: Mosaic, view: View) -> tuple[NDArray[np.uint8] | None, list[str]]:
+    """What the frames show together in that part of the sphere, and what became of those that cannot be opened.
+
+    Returns
+    -------
+    picture
+        (H, W, 3) sRGB codes, white where no frame sees anything; None where no frame could be opened.
+    missing
+        A sentence for each frame that could not.
+    """
     import numpy as np
 
     from fullsphere.model.colour import encoded_from_linear
     from fullsphere.model.errors import FullsphereError
-    from fullsphere.mosaic.overview import overviews, working_sphere
+    from fullsphere.model.surface import Equirectangular
+    from fullsphere.model.table import tabulate
 
-    width, height = working_sphere(1).size
-    light, weight, missing = np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32), []
+    if not mosaic.registered:
+        return None, []
+    across, up = view.longitudes[1] - view.longitudes[0], view.latitudes[1] - view.latitudes[0]
+    width = _SHEET_PX[len(mosaic.registered) > _FEW]
+    size = width, max(round(width * up / across), 1)
+    longitudes, latitudes = ((math.radians(a), math.radians(b)) for a, b in view)
+    surface = Equirectangular(size, longitudes, latitudes)
+    tables = [tabulate(camera, _TABLE_PX) for camera in mosaic.cameras]
+    light, weight, missing = np.zeros((*size[::-1], 3), np.float32), np.zeros(size[::-1], np.float32), []
     for frame in mosaic.registered:  # one at a time: any number of them
-        alone = _alone(mosaic, frame)
         try:
-            (seen,) = overviews(alone, working_sphere(1))
+            own, much = _seen(mosaic, frame, tables[frame.camera], surface)
         except FullsphereError as error:
             missing.append(str(error))
             continue
-        much = seen.quality**4
-        light += seen.light * much[..., None]
+        light += own * much[..., None]
         weight += much
     if not weight.any():
         return None, missing
@@ -122,7 +148,31 @@ def _sheet(mosaic: Mosaic) -> tuple[NDArray[np.uint8] | None, list[str]]:
     return np.where(weight[..., None] > 0, sheet, np.uint8(255)), missing
 
 
-def _alone(mosaic: Mosaic, frame: Frame) -> Mosaic:
-    import dataclasses
+def _seen(
+    mosaic: Mosaic, frame: Frame, table: RayTable, surface: Equirectangular
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The scene's light in one frame (H, W, 3), and how much it counts there (H, W)."""
+    import numpy as np
 
-    return dataclasses.replace(mosaic, frames=(frame,), links=())
+    from fullsphere.model.colour import linear_from_encoded
+    from fullsphere.model.remap import remap
+    from fullsphere.mosaic.frame_light import codes_of, gain_of
+
+    camera = mosaic.cameras[frame.camera]
+    assert frame.camera_from_world is not None
+    world_from_camera = frame.camera_from_world.T
+    codes, weight = remap(codes_of(frame), table, surface, world_from_camera, "linear")
+    rays = surface.window_rays(slice(0, surface.size[0]), slice(0, surface.size[1]), np.float32)
+    z, at = (
+        rays @ frame.camera_from_world[2].astype(np.float32),
+        table.project(rays, frame.camera_from_world, np.float32),
+    )
+    (width, height), radius = camera.size, camera.image_radius
+    border = np.minimum(np.minimum(at, np.array([width - 1, height - 1], np.float32) - at).min(-1) / radius, 1)
+    rim = 1 - np.arccos(np.clip(z, -1, 1)) / camera.half_fov
+    inwards = np.clip(np.nan_to_num(np.minimum(border, rim)), 1e-2, 1) ** _INWARDS
+    much = weight * (codes[..., 3] > 0 if codes.shape[-1] == 4 else 1) * inwards
+    gain = gain_of(mosaic, frame)
+    over_z = np.interp(z, np.linspace(gain.z_min, 1, len(gain.over_z)), gain.over_z)
+    light = linear_from_encoded(codes[..., :3]) * gain.factors * over_z[..., None]
+    return light.astype(np.float32), much.astype(np.float32)

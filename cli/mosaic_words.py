@@ -46,7 +46,7 @@ def _frame(frame: Frame, found: FrameResiduals) -> dict[str, Any]:
     value: dict[str, Any] = {"id": frame.id, "status": "registered" if frame.registered else "left-out"}
     if frame.camera_from_world is None:
         return {**value, "reason": frame.reason}
-    yaw, pitch, roll = yaw_pitch_roll_deg(frame.camera_from_world)
+    yaw, pitch, roll = (round(angle, 9) + 0.0 for angle in yaw_pitch_roll_deg(frame.camera_from_world))  # no -0
     angles = {"yaw_deg": yaw, "pitch_deg": pitch, "roll_deg": roll, "sigma_deg": frame.sigma_deg}
     return {**value, "reason": "", **angles, "exposure_ev": frame.exposure_ev, **found._asdict()}
 
@@ -83,7 +83,8 @@ def quality_lines(mosaic: Mosaic) -> list[str]:
     said = []
     broken = sum(link.verdict == "parallax" for link in mosaic.links)
     parallax = f", {broken} of them with parallax" if broken else ""
-    said.append(f"{len(mosaic.links)} pairs of frames see the same things{parallax}")
+    count = len(mosaic.links)
+    said.append(f"{count} pair{'' if count == 1 else 's'} of frames with things that both see{parallax}")
     if "matches" in quality:
         said.append(f"{quality['matches']:g} matches agree to {quality['residual_median_px']:.2f} px (median)")
     if quality.get("held_out_matches"):

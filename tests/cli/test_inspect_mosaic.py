@@ -17,9 +17,11 @@ from turning import matched, orientation
 
 from fullsphere.cli import main as frame_of_commands
 from fullsphere.cli.main import main
+from fullsphere.cli.mosaic_page import contact_picture, page_of_mosaic
+from fullsphere.cli.plots_mosaic import WHOLE, contact_sheet, view_of
 from fullsphere.model.files import write_json
 from fullsphere.mosaic.project import Frame, Mosaic
-from fullsphere.mosaic.store import mosaic_to_dict, save_mosaic
+from fullsphere.mosaic.store import load_mosaic, mosaic_to_dict, save_mosaic
 from laws import fisheye
 
 Inspect = Callable[..., tuple[int, str, str]]
@@ -100,7 +102,7 @@ def test_a_mosaic_is_told_in_words(inspect: Inspect, tmp_path: Path) -> None:
     for said in (
         "4 of 5 frames have their place on the sphere",
         "lens found from the frames themselves",
-        "pairs of frames see the same things",
+        "pairs of frames with things that both see",
         "of them with parallax",
         "208 matches agree to 0.50 px",
         "32 matches that no fit saw agree to 0.45 px (100 % of all such)",
@@ -199,3 +201,88 @@ def test_the_page_of_a_hundred_frames_is_no_burden(inspect: Inspect, tmp_path: P
     save_mosaic(path, dataclasses.replace(mosaic, frames=tuple(many)))
     assert inspect(path, "--report", page)[0] == 0
     assert page.stat().st_size < 3_000_000
+
+
+def test_thinned_frames_leave_the_picture_free() -> None:
+    mosaic = solved(Path("gone"))
+    many = [dataclasses.replace(mosaic.frames[k % 4], id=f"{k}.png") for k in range(100)]
+    few = contact_sheet(mosaic, WHOLE, None).figure.axes[0]
+    assert [text.get_text() for text in few.texts] == [f"{k}.png" for k in range(4)]
+    drawing = contact_sheet(dataclasses.replace(mosaic, frames=tuple(many), links=()), WHOLE, None)
+    names = [text.get_text() for text in drawing.figure.axes[0].texts]
+    assert len(names) == 17
+    assert names[:2] == ["0.png", "6.png"]
+    assert "One in 6 of the 100 frames" in drawing.caption
+
+
+def test_a_narrow_mosaic_is_shown_large_and_a_wide_one_whole(tmp_path: Path) -> None:
+    camera = dataclasses.replace(CAMERA, half_fov=np.deg2rad(10))
+    frames = [
+        dataclasses.replace(solved(tmp_path).frames[0], id=str(yaw), camera_from_world=orientation(yaw, 5))
+        for yaw in (20, 30)
+    ]
+    mosaic = Mosaic((camera,), tuple(frames), ())
+    view = view_of(mosaic)
+    assert not view.whole
+    assert view.longitudes[0] < 20 - 10 < 30 + 10 < view.longitudes[1]
+    assert view.latitudes[0] < -5 < 15 < view.latitudes[1]
+    assert view.longitudes[1] - view.longitudes[0] < 60
+    behind = dataclasses.replace(frames[1], camera_from_world=orientation(175))
+    assert view_of(dataclasses.replace(mosaic, frames=(frames[0], behind))) == WHOLE
+    assert view_of(solved(tmp_path)) == WHOLE
+    assert view_of(dataclasses.replace(mosaic, frames=())) == WHOLE
+
+
+def test_frames_lie_in_the_sheet_where_their_outlines_say(tmp_path: Path) -> None:
+    """A white frame among black ones is white around its own axis, and nowhere else."""
+    mosaic = solved(tmp_path)
+    for k in range(4):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.full((200, 200, 3), 255 * (k == 1), np.uint8))
+    path = tmp_path / "mosaic.json"
+    save_mosaic(path, mosaic)
+    sheet, missing = contact_picture(load_mosaic(path), WHOLE)
+    assert missing == []
+    assert sheet is not None
+    height, width = sheet.shape[:2]
+    assert (width, height) == (1600, 800)
+
+    def at(yaw: float, pitch: float) -> int:
+        return int(sheet[round((90 - pitch) / 180 * height), round((yaw + 180) / 360 * width), 0])
+
+    assert at(90, -10) > 240  # the frame that looks there
+    assert at(0, 10) < 100
+    assert at(-90, 10) < 60
+
+
+def test_two_cameras_have_an_arrow_figure_each(tmp_path: Path) -> None:
+    mosaic = solved(tmp_path)
+    frames = [dataclasses.replace(frame, camera=k % 2, shot=str(k // 2)) for k, frame in enumerate(mosaic.frames)]
+    mosaic = dataclasses.replace(mosaic, cameras=(CAMERA, CAMERA), frames=tuple(frames))
+    mosaic = dataclasses.replace(mosaic, camera_from_rig=(np.eye(3), ROTATIONS[1] @ ROTATIONS[0].T))
+    path = tmp_path / "mosaic.json"
+    save_mosaic(path, mosaic)
+    sections = page_of_mosaic("mosaic.json", load_mosaic(path)).sections
+    names = [drawing.name for section in sections for drawing in section.drawings]
+    assert names == ["contact-sheet", "links", "theta", "arrows-1", "arrows-2"]
+    assert [section.heading for section in sections][-2:] == ["Camera 1", "Camera 2"]
+
+
+def test_without_held_out_matches_the_page_says_whose_residuals_it_shows(tmp_path: Path) -> None:
+    mosaic = solved(tmp_path)
+    none = np.empty((0, 2))
+    links = tuple(dataclasses.replace(link, held_i=none, held_j=none) for link in mosaic.links)
+    mosaic = dataclasses.replace(mosaic, links=links, quality={"matches": 208, "residual_median_px": 0.5})
+    path = tmp_path / "mosaic.json"
+    save_mosaic(path, mosaic)
+    page = page_of_mosaic("mosaic.json", load_mosaic(path))
+    [theta] = [drawing for section in page.sections for drawing in section.drawings if drawing.name == "theta"]
+    assert "none were held back" in theta.caption
+    assert "Matches that no fit saw" not in [finding.name for finding in page.findings]
+
+
+def test_outlines_reach_the_edges_of_the_sheet() -> None:
+    axes = contact_sheet(solved(Path("gone")), WHOLE, None).figure.axes[0]
+    behind = axes.lines[4]  # the frame that looks along 180 degrees; a light line lies below each coloured one
+    x = np.asarray(behind.get_xdata(), float)
+    assert {-180.0, 180.0} <= set(x[np.isfinite(x)].tolist())
+    assert not (np.abs(np.diff(x)) > 180).any()  # no line right across
