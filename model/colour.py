@@ -118,7 +118,8 @@ def _encoding_table_over_roots(bits: int, profile: Profile) -> Pixels:
     top = (1 << bits) - 1
     grid = np.linspace(0, 1, 1 << 16)
     linear = np.linspace(0, 1, 1 << _BITS_OF_INDEX[bits]) ** 2
-    return np.floor(np.interp(linear, np.maximum.accumulate(profile.curve(grid)), grid) * top + 0.5).astype(f"uint{bits}")
+    codes = np.interp(linear, np.maximum.accumulate(profile.curve(grid)), grid) * top
+    return np.floor(codes + 0.5).astype(f"uint{bits}")
 
 
 def _bits(dtype: np.dtype[Any]) -> int:
