@@ -20,7 +20,6 @@ Run = Callable[..., Outcome]
         (["--bogus"], "unrecognized arguments: --bogus"),
         (["--order", "circle"], "'any', 'ring', 'sweep'"),
         (["--lens", "wide"], "there is no lens 'wide'"),
-        (["--lens", "auto"], "give those with --calibrate, or name a lens"),
         (["--refine"], "--refine adjusts a calibrated camera"),
         (["--target", "chessboard:6x8:30mm"], "--calibrate"),
         (["--level", "sideways"], "sideways"),
