@@ -48,7 +48,7 @@ def test_a_thing_that_is_masked_in_every_frame_is_not_in_the_panorama() -> None:
     soiled = [covered(frame, mask, 0.9) for frame in frames_of(smooth_light, CAMERA, ROTATIONS)]
     with_things, without = panorama(soiled), panorama([masked(frame, mask) for frame in soiled])
     truth = smooth_panorama(300)
-    assert np.abs(with_things[..., :3] - truth).max() > 0.05
+    assert np.abs(with_things[..., :3] - truth).max() > 0.02  # little: seams go round it
     np.testing.assert_array_equal(without[..., 3], 1)
     np.testing.assert_allclose(without[..., :3], truth, atol=6e-3)
 
