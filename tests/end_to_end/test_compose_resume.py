@@ -50,8 +50,8 @@ def killed(bands: int, *arguments: str | Path) -> None:
     ("name", "options"),
     [
         ("p.tif", ["--size", "1100"]),
-        ("p.jpg", ["--to", "cube:500", "--nadir", "fill"]),
-        ("p.exr", ["--to", "littleplanet:1100"]),
+        pytest.param("p.jpg", ["--to", "cube:500", "--nadir", "fill"], marks=pytest.mark.slow),
+        pytest.param("p.exr", ["--to", "littleplanet:1100"], marks=pytest.mark.slow),
     ],
 )
 def test_a_killed_run_goes_on_to_the_same_bytes(
