@@ -172,7 +172,5 @@ def _seen(
     rim = 1 - np.arccos(np.clip(z, -1, 1)) / camera.half_fov
     inwards = np.clip(np.nan_to_num(np.minimum(border, rim)), 1e-2, 1) ** _INWARDS
     much = weight * (codes[..., 3] > 0 if codes.shape[-1] == 4 else 1) * inwards
-    gain = gain_of(mosaic, frame)
-    over_z = np.interp(z, np.linspace(gain.z_min, 1, len(gain.over_z)), gain.over_z)
-    light = linear_from_encoded(codes[..., :3]) * gain.factors * over_z[..., None]
+    light = linear_from_encoded(codes[..., :3]) * gain_of(mosaic, frame).at(z)
     return light.astype(np.float32), much.astype(np.float32)

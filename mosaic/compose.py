@@ -31,7 +31,7 @@ from fullsphere.mosaic.frame_light import FrameLights, Gain, gain_of
 from fullsphere.mosaic.overview import RIM, Overview, overviews, working_sphere
 from fullsphere.mosaic.project import Frame, Mosaic
 from fullsphere.mosaic.seams import find_owners
-from fullsphere.mosaic.shares import FLOOR, Share, Shares, feathered, shares_of
+from fullsphere.mosaic.shares import FLOOR, Share, Shares, feathered, shares_of, whole_share
 from fullsphere.mosaic.shift import Shift
 
 FRAME_BYTES = 1 << 30
@@ -150,6 +150,16 @@ class _Sampled(NamedTuple):
     z: NDArray[np.float32]
 
 
+class _Canvas(NamedTuple):
+    """A tile under way: its rays and places on the working sphere; light and weight grow with each frame."""
+
+    tile: Tile
+    rays: NDArray[np.float32]
+    at: NDArray[np.float32]
+    light: NDArray[np.float32]
+    weight: NDArray[np.float32]
+
+
 class _Composer:
     """The mosaic and the surface made ready for tile after tile; asked from several threads."""
 
@@ -157,7 +167,7 @@ class _Composer:
         self, mosaic: Mosaic, surface: Projection, shares: Shares, lights: FrameLights, brightness: float
     ) -> None:
         self._shares, self._lights, self._brightness = shares, lights, np.float32(brightness)
-        self._surface = fast(surface)
+        self._surface, self._whole = fast(surface), whole_share(shares.sphere)
         self._sources = [
             _source(mosaic, frame, surface, shift)
             for frame, shift in itertools.zip_longest(mosaic.registered, shares.shifts)
@@ -168,81 +178,49 @@ class _Composer:
         rows, columns = tile
         rays = self._surface.window_rays(columns, rows, np.float32)
         at = self._shares.sphere.project(rays, dtype=np.float32)
-        light, weight = np.zeros(rays.shape, np.float32), np.zeros(rays.shape[:2], np.float32)
-        places = _places(at, self._shares.sphere.size)
-        for k, part in _parts(self._shares.owning[places], np.isfinite(at[..., 0])):
+        canvas = _Canvas(tile, rays, at, np.zeros(rays.shape, np.float32), np.zeros(rays.shape[:2], np.float32))
+        places, looks = _places(at, self._shares.sphere.size), np.isfinite(at[..., 0])
+        for k, part in _parts(self._shares.owning[places], looks):
             share = self._shares.of[k]
             assert share is not None
-            self._add(k, tile, part, rays, at, share, light, weight)
-        for k, part in _parts(self._shares.seeing[places], np.isfinite(at[..., 0]) & (weight == 0)):
-            self._fill(k, tile, part, rays, light, weight)  # along rims, where the owner sees no more
-        seen = weight > 0
-        np.divide(light, weight[..., None], out=light, where=seen[..., None])
+            self._add(k, canvas, part, share)
+        for k, part in _parts(self._shares.seeing[places], looks & (canvas.weight == 0)):
+            self._add(k, canvas, part, self._whole, only_gaps=True)  # along rims, where the owner sees no more
+        seen = canvas.weight > 0
+        light = canvas.light
+        np.divide(light, canvas.weight[..., None], out=light, where=seen[..., None])
         return light * self._brightness, seen
 
-    def _add(
-        self,
-        k: int,
-        tile: Tile,
-        part: Tile,
-        rays: NDArray[np.float32],
-        at: NDArray[np.float32],
-        share: Share,
-        light: NDArray[np.float32],
-        weight: NDArray[np.float32],
-    ) -> None:
-        found = self._sampled(k, tile, part, rays)
+    def _add(self, k: int, canvas: _Canvas, part: Tile, share: Share, only_gaps: bool = False) -> None:
+        """Bring a frame into a part of the tile, by its share; or only where those before have left nothing."""
+        found = self._sampled(k, canvas, part)
         if found is None:
             return
-        source = self._sources[k]
+        source, weight = self._sources[k], canvas.weight[part]
         add_frame(
             found.codes,
             found.light_of_code,
             found.opaque,
-            found.u,
+            np.where(weight > 0, np.nan, found.u).astype(found.u.dtype) if only_gaps else found.u,
             found.z,
             source.z_rim,
             source.gain.factors,
             source.gain.over_z,
             source.gain.z_min,
-            at[part],
+            canvas.at[part],
             self._shares.sphere.size[0],
             share.values,
             share.left,
             share.top,
             FLOOR,
             float(1 / self._brightness),
-            light[part],
-            weight[part],
+            canvas.light[part],
+            weight,
         )
 
-    def _fill(
-        self,
-        k: int,
-        tile: Tile,
-        part: Tile,
-        rays: NDArray[np.float32],
-        light: NDArray[np.float32],
-        weight: NDArray[np.float32],
-    ) -> None:
-        """Bring a frame in where those before have left nothing."""
-        found = self._sampled(k, tile, part, rays)
-        if found is None:
-            return
-        source, room = self._sources[k], weight[part] == 0
-        room &= np.isfinite(found.u) & (found.z >= source.z_rim)
-        if found.codes.shape[2] == 4:
-            room &= found.codes[..., 3] >= found.opaque
-        codes = found.codes[room][:, :3]
-        linear = np.maximum(codes, 0) if not found.light_of_code.size else found.light_of_code[codes]
-        cells = (found.z[room] - source.gain.z_min) / (1 - source.gain.z_min) * (len(source.gain.over_z) - 1)
-        gain = np.interp(cells, np.arange(len(source.gain.over_z)), source.gain.over_z).astype(np.float32)
-        light[part][room] = linear * gain[:, None] * source.gain.factors
-        weight[part][room] = 1
-
-    def _sampled(self, k: int, tile: Tile, part: Tile, rays: NDArray[np.float32]) -> _Sampled | None:
+    def _sampled(self, k: int, canvas: _Canvas, part: Tile) -> _Sampled | None:
         source = self._sources[k]
-        (rows, columns), (down, across) = tile, part
+        (rows, columns), (down, across) = canvas.tile, part
         top, left = rows.start + down.start, columns.start + across.start
         shape = (down.stop - down.start, across.stop - across.start)
         found = source.geometry.positions(
@@ -256,7 +234,7 @@ class _Composer:
         light = self._lights.of(source.frame)
         codes = light.picture.sampled(found.u, found.v, LANCZOS3, shape)
         full = 1.0 if codes.dtype.kind == "f" else float(np.iinfo(codes.dtype).max)
-        z = (rays[part] @ source.axis.astype(np.float32)).astype(np.float32)
+        z = (canvas.rays[part] @ source.axis.astype(np.float32)).astype(np.float32)
         return _Sampled(codes, light.light_of_code, _OPAQUE * full, found.inner.u, z)
 
 

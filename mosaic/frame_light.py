@@ -6,7 +6,7 @@ import math
 import threading
 from collections import OrderedDict
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,16 +26,11 @@ _CELLS = 512  # of the table of gains
 class FrameLight(NamedTuple):
     """A frame's codes as the sampler reads them, and the light (n,) that each code stands for; none if they are light.
 
-    `channels` are three, or four with the last one telling which pixels count.
+    Its channels are three, or four with the last one telling which pixels count.
     """
 
     picture: SourcePicture
     light_of_code: NDArray[np.float32]
-
-    @property
-    def channels(self) -> int:
-        """Of what is sampled."""
-        return self.picture.samples.channels
 
 
 class Gain(NamedTuple):
@@ -44,6 +39,12 @@ class Gain(NamedTuple):
     factors: NDArray[np.float32]
     over_z: NDArray[np.float32]
     z_min: float
+
+    def at(self, z: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+        """(..., 3) for each channel at cosines (...) of the angle from the axis."""
+        over_z = np.interp(z, np.linspace(self.z_min, 1, len(self.over_z)), self.over_z).astype(np.float32)
+        gain: NDArray[np.float32] = over_z[..., None] * self.factors
+        return gain
 
 
 def gain_of(mosaic: Mosaic, frame: Frame) -> Gain:

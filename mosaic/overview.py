@@ -128,10 +128,8 @@ def overview_of(
     values = cv2.remap(layers, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     clipped = cv2.remap(reduced.clipped, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     inside &= values[..., 3] > 0.5
-    z_cells = (np.clip(z, gain.z_min, 1) - gain.z_min) / (1 - gain.z_min) * (len(gain.over_z) - 1)
-    taken_out = np.interp(z_cells, np.arange(len(gain.over_z)), gain.over_z).astype(np.float32)
     share = np.maximum(values[..., 3:], np.float32(0.5))
-    light[inside] = (values[..., :3] / share * gain.factors * taken_out[..., None])[inside]
+    light[inside] = (values[..., :3] / share * gain.at(z))[inside]
     worth = _worth(camera, np.arccos(np.clip(z, -1, 1)), found.u, found.v, rim, finest)
     worth = worth * (1 - (1 - _CLIPPED_WORTH) * clipped)
     quality[inside] = np.clip(worth, 1e-3, 1)[inside]

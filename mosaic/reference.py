@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fullsphere.model.errors import UsageError
 from fullsphere.model.surface import Equirectangular
-from fullsphere.mosaic.frame_light import Gain, gain_of
+from fullsphere.mosaic.frame_light import gain_of
 from fullsphere.mosaic.overview import Overview
 from fullsphere.mosaic.project import Frame, Mosaic
 
@@ -109,21 +109,14 @@ def _highlights(mosaic: Mosaic, overviews: Sequence[Overview]) -> tuple[NDArray[
     rays = Equirectangular((width, height)).window_rays(slice(0, width), slice(0, height), np.float32)
     best, brightest = np.zeros((height, width), np.float32), np.zeros((height, width), np.float32)
     for frame, seen in zip(mosaic.registered, overviews, strict=True):
-        recorded = (seen.light / _taken_out(gain_of(mosaic, frame), frame, rays)).max(-1)
+        assert frame.camera_from_world is not None
+        z = rays @ frame.camera_from_world[2].astype(np.float32)
+        recorded = (seen.light / gain_of(mosaic, frame).at(z)).max(-1)
         limit = _TRUSTED if recorded.max() <= _LIGHT else math.inf
         better = (seen.quality > best) & (recorded < limit)
         best[better] = seen.quality[better]
         brightest[better] = seen.light.max(-1)[better]
     return brightest, best > 0
-
-
-def _taken_out(gain: Gain, frame: Frame, rays: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(H, W, 3) what a frame's light was multiplied by to be the scene's."""
-    assert frame.camera_from_world is not None
-    z = rays @ frame.camera_from_world[2].astype(np.float32)
-    over_z = np.interp(z, np.linspace(gain.z_min, 1, len(gain.over_z)), gain.over_z).astype(np.float32)
-    taken: NDArray[np.float32] = over_z[..., None] * gain.factors
-    return taken
 
 
 def _named(mosaic: Mosaic, name: str) -> Frame:

@@ -122,6 +122,14 @@ def feathered(overviews: Sequence[Overview], sphere: Equirectangular) -> Shares:
     return Shares(sphere, owners, of, bits, bits)
 
 
+def whole_share(sphere: Equirectangular) -> Share:
+    """The share of a frame that owns everything, as it is."""
+    width, height = sphere.size
+    values = np.zeros((height + 2 * _REACH, width + 2 * _REACH, 4), np.float32)
+    values[..., 0] = 1
+    return Share(0, -_REACH, values)
+
+
 class _Look(NamedTuple):
     """A frame at half the size of the working sphere, at which neither noise nor its grid of pixels is left."""
 
