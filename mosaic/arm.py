@@ -83,7 +83,7 @@ class ArmTurn:
 def turned(angles: ArrayLike) -> FloatArray:
     """world_from_arm (..., 3, 3) at turn angles (...): Ry(a)."""
     angles = np.asarray(angles, float)
-    turn = Rotation.from_euler("y", angles.reshape(-1)).as_matrix()
+    turn = Rotation.from_euler("y", angles.reshape(-1, 1)).as_matrix()
     return turn.reshape(*angles.shape, 3, 3)
 
 
