@@ -23,7 +23,7 @@ from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.frame_colour import common_profile
 from fullsphere.mosaic.frame_light import Gain, codes_of, gain_of
 from fullsphere.mosaic.overview_kernels import reduced_light
-from fullsphere.mosaic.project import Frame, Mosaic, Picture
+from fullsphere.mosaic.project import Frame, Mosaic
 from fullsphere.mosaic.shift import Shift
 
 RIM = math.radians(0.7)
@@ -155,11 +155,7 @@ def _density(camera: Camera, theta: FloatArray) -> FloatArray:
 
 def reduced_frame(frame: Frame, camera: Camera, factor: int, profile: Profile = SRGB) -> Reduced:
     """The light of a frame as it was recorded, averaged over squares of `factor` pixels."""
-    return reduced_codes(codes_of(frame, profile), camera, factor, profile)
-
-
-def reduced_codes(codes: Picture, camera: Camera, factor: int, profile: Profile = SRGB) -> Reduced:
-    """The same of a frame that is open: its codes (h, w, 3 or 4)."""
+    codes = codes_of(frame, profile)
     height, width = codes.shape[0] // factor, codes.shape[1] // factor
     light, seen = np.empty((height, width, 3), np.float32), np.empty((height, width), np.float32)
     clipped = np.empty_like(seen)
