@@ -31,15 +31,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NEW",
         help="new pictures of the same rig and positions instead of the registered ones, in their order",
     )
+    parser.add_argument(
+        "--brackets",
+        type=console.brackets_of,
+        metavar="N",
+        help="so many of --frames at a time are exposures of one position; auto: by what the camera noted",
+    )
     composing.add_arguments(parser, composing.AUTO)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry out the command."""
+    from fullsphere.model.errors import UsageError
     from fullsphere.model.workers import thread_pool
     from fullsphere.mosaic.reuse import with_pictures
     from fullsphere.mosaic.store import load_mosaic
 
+    if args.brackets and not args.frames:
+        raise UsageError("--brackets is about the new pictures of --frames; what a mosaic is merged of stands in it")
     wanted = composing.check_arguments(args, None)
     mosaic = load_mosaic(args.mosaic)
     composing.check_frames(mosaic, args.mosaic, args.frames or ())
@@ -48,7 +57,9 @@ def run(args: argparse.Namespace) -> int:
     with thread_pool(args.threads) as executor:
         if args.frames:
             console.say(args, f"measuring the light of {console.counted(len(args.frames), 'new picture')}")
-            mosaic = with_pictures(mosaic, args.frames, executor)
+            brackets = console.brackets_in(args, args.frames, positions=1)
+            mosaic = with_pictures(mosaic, args.frames, executor, brackets)
+            console.say_brackets(args, mosaic.frames)
         written = rendering.write_panorama(args.output, mosaic, wanted, executor, args)
     rendering.warn(written)
     console.report(args, _summary(args, mosaic, written), [f"{args.output}: {rendering.described(written)}"])

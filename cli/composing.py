@@ -222,7 +222,7 @@ def plain(width: int) -> Wanted:
 def files_of(mosaic: Mosaic, instead: Sequence[Path] = ()) -> list[Path]:
     """The files that are read, none of which may be written over; `instead` of the registered pictures, if any."""
     masks = [Path(frame.mask_image) for frame in mosaic.registered if frame.mask_image]
-    return [*(instead or [Path(frame.image) for frame in mosaic.registered]), *masks]
+    return [*(instead or [Path(image) for frame in mosaic.registered for image in frame.images]), *masks]
 
 
 def check_frames(mosaic: Mosaic, path: Path, instead: Sequence[Path] = ()) -> None:

@@ -6,11 +6,16 @@ import argparse
 import json
 import re
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from fullsphere.cli import messages
 
+if TYPE_CHECKING:
+    from fullsphere.mosaic.project import Frame
+
 _STRICT_EXIT = 3
+_MOST_BRACKETS = 15  # that cameras take in a row
 _UNITS = {"MB": 10**6, "GB": 10**9}
 
 
@@ -52,6 +57,44 @@ def panorama_size(width: int) -> tuple[int, int]:
             f"--size {width}: the width is an even number of pixels from 2 to {MAX_SIDE_PX}, the height is half of it"
         )
     return width, width // 2
+
+
+def brackets_of(text: str) -> int | str:
+    """How many brackets make a frame, or "auto", as a type of argparse."""
+    if text == "auto":
+        return text
+    if not (text.isdecimal() and 2 <= int(text[:3]) <= _MOST_BRACKETS):
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of pictures from 2 to {_MOST_BRACKETS}, and not auto")
+    return int(text)
+
+
+def brackets_in(args: argparse.Namespace, pictures: Sequence[Path], positions: int) -> int:
+    """How many of the pictures are from each position, of which there are as many as `positions` at least.
+
+    Raises
+    ------
+    UsageError
+        If they are not so many times a whole number.
+    InputError
+        If it is to be told from what the camera noted, and cannot be.
+    """
+    if args.brackets is None:
+        return 1
+    from fullsphere.mosaic.brackets import check_count, counted_by_notes
+
+    if args.brackets == "auto":
+        return counted_by_notes(pictures, positions)
+    check_count(len(pictures), args.brackets)
+    return int(args.brackets)
+
+
+def say_brackets(args: argparse.Namespace, frames: Sequence[Frame]) -> None:
+    """Tell which exposures were found, if frames are merged of brackets."""
+    from fullsphere.mosaic.brackets import described
+
+    found = described(frames)
+    if found:
+        say(args, found)
 
 
 def bytes_of(text: str) -> int:

@@ -82,7 +82,7 @@ def _project(args: argparse.Namespace, options: Options, executor: Executor) -> 
     from fullsphere.mosaic.pto import read_pto
     from fullsphere.mosaic.register import register
 
-    if args.camera or args.calibrate or args.dual or args.mask or args.prior:
+    if args.camera or args.calibrate or args.dual or args.mask or args.prior or args.brackets:
         raise UsageError("a .pto tells its cameras, circles, masks and angles itself; give its pictures to tell others")
     path = args.frames[0]
     project = read_pto(path)

@@ -79,6 +79,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--dual", action="store_true", help="each picture holds the circles of two lenses side by side")
     parser.add_argument(
+        "--brackets",
+        type=console.brackets_of,
+        metavar="N",
+        help="so many pictures at a time are exposures of one position and merged to light (HDR); "
+        "auto: told by the exposures that the camera noted",
+    )
+    parser.add_argument(
         "--mask",
         type=Path,
         metavar="FILE",
@@ -183,13 +190,15 @@ def _frames(
     from fullsphere.mosaic.masks import open_masks
     from fullsphere.mosaic.priors import read_priors, with_priors
 
+    brackets = console.brackets_in(args, args.frames, positions=1 if args.dual else 2)
     masks = open_masks(args.mask) if args.mask else None
     priors = read_priors(args.prior) if args.prior else None
     progress = console.progress(args)
     if args.dual:
-        frames = open_dual_frames(args.frames, size, executor, progress, masks=masks)
+        frames = open_dual_frames(args.frames, size, executor, progress, masks=masks, brackets=brackets)
     else:
-        frames = open_frames(args.frames, size, executor, progress, centre_px=centre, masks=masks)
+        frames = open_frames(args.frames, size, executor, progress, centre_px=centre, masks=masks, brackets=brackets)
+    console.say_brackets(args, frames)
     turned = sum(frame.turned > 0 for frame in frames)
     if turned:
         messages.warn(f"{console.counted(turned, 'frame')} with exchanged sides turned back to the others'")

@@ -378,6 +378,9 @@ def _deepest(mosaic: Mosaic) -> np.dtype[Any]:
 
     found = set()
     for frame in mosaic.registered:
+        if frame.brackets:
+            found.add(np.dtype(np.float32))
+            continue
         if not frame.sha256:
             found.add(frame.load().dtype)
             continue

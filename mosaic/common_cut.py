@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 
-from fullsphere.mosaic.loading import Crop, loader
+from fullsphere.mosaic.loading import Crop, loader_of
 from fullsphere.mosaic.project import Frame
 
 _ALIKE = 0.01  # of a side: by so much sizes may differ and be those of one camera, trimmed
@@ -43,7 +42,7 @@ def _is_alike(size: tuple[int, int], usual: tuple[int, int]) -> bool:
 
 def _cut(frame: Frame, size: tuple[int, int]) -> Frame:
     crop = _middle(frame.size, size) if frame.turned % 2 == 0 else _middle(frame.size[::-1], size[::-1])
-    return dataclasses.replace(frame, size=size, crop_px=crop, load=loader(Path(frame.image), crop, frame.turned))
+    return dataclasses.replace(frame, size=size, crop_px=crop, load=loader_of(frame, crop, frame.turned))
 
 
 def _middle(size: tuple[int, int], part: tuple[int, int]) -> Crop:

@@ -21,7 +21,7 @@ from fullsphere.model.camera import Projection
 from fullsphere.model.colour import encoded_from_linear
 from fullsphere.model.positions import Geometry, Positions, fast
 from fullsphere.model.remap import TILE_PX, Tile, tiles
-from fullsphere.model.sampling_kernels import LANCZOS3
+from fullsphere.model.sampling_kernels import LANCZOS3, LINEAR
 from fullsphere.model.source_picture import BORDER
 from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.alignment import local_shifts
@@ -40,6 +40,7 @@ FRAME_BYTES = 1 << 30
 Blend = Literal["multiband", "feather"]
 """How frames are brought together."""
 
+_SHARPER = np.float32(1.2)  # than linear interpolation a frame of light may be: more would ring round a lamp, black
 _OPAQUE = 0.999  # of alpha: less is the soft edge of a mask
 
 
@@ -233,6 +234,9 @@ class _Composer:
             found = Positions(u, v, all_seen=False)
         light = self._lights.of(source.frame)
         codes = light.picture.sampled(found.u, found.v, LANCZOS3, shape)
+        if codes.dtype.kind == "f":
+            between = light.picture.sampled(found.u, found.v, LINEAR, shape)[..., :3]
+            np.clip(codes[..., :3], between / _SHARPER, between * _SHARPER, out=codes[..., :3])
         full = 1.0 if codes.dtype.kind == "f" else float(np.iinfo(codes.dtype).max)
         z = (canvas.rays[part] @ source.axis.astype(np.float32)).astype(np.float32)
         return _Sampled(codes, light.light_of_code, _OPAQUE * full, found.inner.u, z)

@@ -10,8 +10,9 @@ from typing import Any
 
 from fullsphere.model.circle import brightest, find_circle
 from fullsphere.model.workers import ordered_map
+from fullsphere.mosaic.brackets import positions_of
 from fullsphere.mosaic.frames import of_one_size, read_files, refuse_if_fewer, usual_size, without_doubles
-from fullsphere.mosaic.loading import Crop, cut, load_pixels, loader
+from fullsphere.mosaic.loading import Crop, cut, load_pixels, loader_of
 from fullsphere.mosaic.masks import Masks, masked
 from fullsphere.mosaic.project import Frame
 from fullsphere.mosaic.rim import eight_bit
@@ -24,6 +25,7 @@ def open_dual_frames(
     progress: Callable[..., Any] | None = None,
     *,
     masks: Masks | None = None,
+    brackets: int = 1,
 ) -> list[Frame]:
     """Two frames for each dual-fisheye picture: camera 0 on the left or at the top, camera 1 beside or below it.
 
@@ -44,13 +46,17 @@ def open_dual_frames(
         Wraps the loop over the files.
     masks
         Where the pictures' masks are, of whole pictures.
+    brackets
+        So many pictures at a time are taken from one position and merged (`positions_of`).
 
     Raises
     ------
+    UsageError
+        If there are not so many files times a whole number.
     InputError
         If a file does not exist, a mask cannot be used, or no picture is left; the message says why.
     """
-    pictures = read_files(paths, executor, progress)
+    pictures = positions_of(read_files(paths, executor, progress), brackets, executor, progress)
     wanted = _whole(size) if size else usual_size(pictures)
     pictures = of_one_size(pictures, wanted, "the cameras are for two halves in" if size else "most pictures have")
     pictures = without_doubles(pictures)
@@ -105,7 +111,7 @@ def _halves(picture: Frame) -> list[Frame]:
             picture,
             id=f"{picture.id}:{name}",
             size=crop[2:],
-            load=loader(Path(picture.image), crop),
+            load=loader_of(picture, crop),
             camera=camera,
             shot=picture.id,
             crop_px=crop,

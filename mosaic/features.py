@@ -173,7 +173,7 @@ def _toned(light: NDArray[np.float32], inside: NDArray[np.uint8] | None, dtype: 
     if not sample.size:
         sample = light
     white = max(float(np.percentile(sample, _BRIGHT)), _WHITE_8_BIT if dtype == np.uint8 else 1e-9)
-    share = np.minimum(light / np.float32(white), 1)
+    share = np.clip(light / np.float32(white), 0, 1)  # beside a lamp that is resampled light may be less than none
     if dtype != np.uint8:
         median = min(max(float(np.median(sample)) / white, 1e-4), 1.0)
         power = 1.0 if median >= _MIDDLE else max(np.log(_MIDDLE) / np.log(median), 0.4)

@@ -16,6 +16,7 @@ from fullsphere.model.icc import profile_of
 from fullsphere.model.images import noted_ev, read_picture
 from fullsphere.model.pose_metadata import told_pose
 from fullsphere.model.workers import ordered_map
+from fullsphere.mosaic.brackets import positions_of
 from fullsphere.mosaic.common_cut import cut_alike
 from fullsphere.mosaic.loading import loader
 from fullsphere.mosaic.masks import Masks, masked
@@ -34,8 +35,9 @@ def open_frames(
     *,
     centre_px: tuple[float, float] | None = None,
     masks: Masks | None = None,
+    brackets: int = 1,
 ) -> list[Frame]:
-    """A frame for each file, in the order given.
+    """A frame for each file, or each so many brackets, in the order given.
 
     Pixels are taken as stored, whatever the EXIF orientation, which only tells how far from upright they are.  A file
     with width and height exchanged was turned by a program and is turned back.  Sizes that differ by up to a hundredth
@@ -56,14 +58,18 @@ def open_frames(
         The camera's image centre, where it is known: it tells which way a turned file was turned.
     masks
         Where the frames' masks are.
+    brackets
+        So many pictures at a time are taken from one position and merged (`positions_of`).
 
     Raises
     ------
+    UsageError
+        If there are not so many files times a whole number.
     InputError
         If a file does not exist, a mask cannot be used, or fewer than two frames are left; the message says why of the
         first that are not.
     """
-    frames = read_files(paths, executor, progress)
+    frames = positions_of(read_files(paths, executor, progress), brackets, executor, progress)
     wanted = size or usual_size(frames)
     frames = _turned_back(frames, wanted, centre_px)
     if size is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.errors import InputError
+from fullsphere.model.files import sha256_of
 from fullsphere.model.images import read_picture
-from fullsphere.mosaic.project import Picture
+from fullsphere.mosaic.bracket_merge import Exposed, merged_light
+from fullsphere.mosaic.project import Bracket, Frame, Picture
 
 Crop = tuple[int, int, int, int]
 """Left, top, width and height of a frame within its file, pixels."""
@@ -33,6 +35,53 @@ def loader(path: Path, crop_px: Crop | None = None, turned: int = 0) -> Callable
         Quarter turns clockwise that the part is given then.
     """
     return functools.partial(load_pixels, path, crop_px, turned)
+
+
+def loader_of(frame: Frame, crop_px: Crop | None = None, turned: int = 0) -> Callable[[], Picture]:
+    """What opens a part of the picture that a frame is, whether that is a file's own or merged of brackets."""
+    if not frame.brackets:
+        return loader(Path(frame.image), crop_px, turned)
+    return functools.partial(load_merged, frame.brackets, frame.image, crop_px, turned)
+
+
+def load_merged(brackets: Sequence[Bracket], reference: str, crop_px: Crop | None = None, turned: int = 0) -> Picture:
+    """The light (h, w, c) of a frame that is merged of brackets, each of them read anew; see `merged_light`.
+
+    Parameters
+    ----------
+    brackets
+        Their files.
+    reference
+        The image among them that shows things where they are.
+    crop_px, turned
+        As `loader` takes them.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, is no longer the one that it was, is of another size, or holds light instead of codes.
+    """
+    shape: list[tuple[int, ...]] = []
+
+    def opened(k: int) -> Exposed:
+        path = Path(brackets[k].image)
+        if brackets[k].sha256 and sha256_of(path) != brackets[k].sha256:
+            raise InputError(f"{path}: is not the bracket that it was, its content has changed; register anew")
+        picture = read_picture(path)
+        if picture.linear:
+            raise InputError(f"{path}: holds light (floating point), which needs no brackets; give pictures of codes")
+        codes = cut(path, picture.pixels, crop_px, turned)
+        shape.append(codes.shape)
+        if codes.shape != shape[0]:
+            raise InputError(f"{path}: is {_spelled(codes.shape)}, another bracket {_spelled(shape[0])}; register anew")
+        return Exposed(codes, picture.profile)
+
+    names = [bracket.image for bracket in brackets]
+    return merged_light([bracket.exposure_ev for bracket in brackets], names.index(reference), opened)
+
+
+def _spelled(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]} x {shape[0]} pixels of {shape[2]} channels"
 
 
 def load_pixels(path: Path, crop_px: Crop | None = None, turned: int = 0) -> Picture:

@@ -126,7 +126,8 @@ def used(frame: Frame) -> Picture:
 
 
 def _with_mask(frame: Frame, masks: Masks) -> Frame:
-    path = None if frame.reason else masks.of(Path(frame.image))
+    own = [] if frame.reason else [masks.of(Path(image)) for image in frame.images]
+    path = next(filter(None, own), None)
     if path is None:
         return frame
     load = functools.partial(load_mask, path, picture_size(Path(frame.image)), frame.id, frame.crop_px, frame.turned)

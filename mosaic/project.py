@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,18 @@ from fullsphere.model.lens import FloatArray
 
 Picture = NDArray[Any]
 """Pixels (height, width, channels) as stored: uint8, uint16 or float32."""
+
+
+class Bracket(NamedTuple):
+    """One of the pictures of several exposures that a frame is merged of.
+
+    `image` is where it came from, `sha256` that of its file, and `exposure_ev` how much brighter it recorded the scene
+    than the frame has it.
+    """
+
+    image: str
+    sha256: str
+    exposure_ev: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,6 +78,8 @@ class Frame:
         Gives the parts of the picture (h, w) to use, where it is not zero; None for all.
     mask_image
         Where the mask came from; empty for none.
+    brackets
+        What the picture is merged of, `image` among them; empty for a picture that is a file's own.
     """
 
     id: str
@@ -89,6 +103,12 @@ class Frame:
     profile: Callable[[], Profile] | None = dataclasses.field(default=None, repr=False, compare=False)
     mask: Callable[[], NDArray[np.uint8]] | None = dataclasses.field(default=None, repr=False, compare=False)
     mask_image: str = ""
+    brackets: tuple[Bracket, ...] = ()
+
+    @property
+    def images(self) -> tuple[str, ...]:
+        """All that the picture comes from."""
+        return tuple(bracket.image for bracket in self.brackets) or (self.image,)
 
     @property
     def registered(self) -> bool:

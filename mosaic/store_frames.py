@@ -17,14 +17,16 @@ from fullsphere.model.files import sha256_of
 from fullsphere.model.images import picture_profile, picture_size
 from fullsphere.model.json_values import demand_keys, list_of, number_of, numbers_of, object_of, text_of, whole_of
 from fullsphere.model.lens import FloatArray
-from fullsphere.mosaic.loading import Crop, load_pixels
+from fullsphere.mosaic.loading import Crop, load_merged, load_pixels
 from fullsphere.mosaic.masks import Mask, load_mask
-from fullsphere.mosaic.project import Frame, Picture
+from fullsphere.mosaic.project import Bracket, Frame, Picture
 
 _COMMON = (
     "id", "image", "sha256", "size_px", "shot", "crop_px", "camera", "turned", "quarter_turns", "mask",
     "exposure_ev", "white_balance", "status",
 )  # fmt: skip
+_OPTIONAL = ("brackets",)
+_OF_BRACKET = ("image", "sha256", "exposure_ev")
 _ANGLES = ("yaw_deg", "pitch_deg", "roll_deg")
 _MAX_EV = 64.0
 _MAX_WHITE_BALANCE = 100.0
@@ -82,7 +84,23 @@ def checked_pixels(
     """
     if sha256 and sha256_of(path) != sha256:
         raise InputError(f"{path}: is not the picture that was registered, its content has changed; register anew")
-    pixels = load_pixels(path, crop_px, turned)
+    return _of_size(load_pixels(path, crop_px, turned), path, size)
+
+
+def checked_light(
+    brackets: Sequence[Bracket], path: Path, size: tuple[int, int], crop_px: Crop | None = None, turned: int = 0
+) -> Picture:
+    """The light (h, w, c) of a frame whose brackets have to be the ones that were registered; `path` is one of them.
+
+    Raises
+    ------
+    InputError
+        As `load_merged`, or if the frame has another size.
+    """
+    return _of_size(load_merged(brackets, str(path), crop_px, turned), path, size)
+
+
+def _of_size(pixels: Picture, path: Path, size: tuple[int, int]) -> Picture:
     if pixels.shape[1::-1] != size:
         raise InputError(
             f"{path}: is a frame of {pixels.shape[1]} x {pixels.shape[0]} pixels, not {size[0]} x {size[1]}; "
@@ -105,7 +123,7 @@ def relative_path(image: str, folder: Path) -> str:
 
 
 def _frame(frame: Frame, folder: Path) -> dict[str, Any]:
-    common = {
+    common: dict[str, Any] = {
         "id": frame.id,
         "image": relative_path(frame.image, folder),
         "sha256": frame.sha256,
@@ -119,6 +137,15 @@ def _frame(frame: Frame, folder: Path) -> dict[str, Any]:
         "exposure_ev": frame.exposure_ev,
         "white_balance": list(frame.white_balance),
     }
+    if frame.brackets:
+        common["brackets"] = [
+            {
+                "image": relative_path(bracket.image, folder),
+                "sha256": bracket.sha256,
+                "exposure_ev": bracket.exposure_ev,
+            }
+            for bracket in frame.brackets
+        ]
     if frame.camera_from_world is None or frame.reason:
         return {**common, "status": "left-out", "reason": frame.reason}
     return {
@@ -135,7 +162,8 @@ def _read(data: dict[str, Any], cameras: Sequence[Camera], where: str, folder: P
     if not registered and data.get("status") != "left-out":
         raise InputError(f'{where}: status is {data.get("status")!r}, not "registered" or "left-out"')
     rotation_keys = ("camera_from_world", *_ANGLES)
-    demand_keys(data, where, (*_COMMON, "sigma_deg" if registered else "reason"), rotation_keys if registered else ())
+    optional = (*_OPTIONAL, *rotation_keys) if registered else _OPTIONAL
+    demand_keys(data, where, (*_COMMON, "sigma_deg" if registered else "reason"), optional)
     name, sha256 = text_of(data, "id", where), text_of(data, "sha256", where)
     if not name:
         raise InputError(f"{where}: id is empty")
@@ -148,12 +176,13 @@ def _read(data: dict[str, Any], cameras: Sequence[Camera], where: str, folder: P
     mask = None if data["mask"] is None else _path(data, "mask", where, folder)
     turned = whole_of(data, "turned", where, 0, 3)
     _check_crop(crop, size, turned, where)
-    shot = text_of(data, "shot", where)
+    shot, brackets = text_of(data, "shot", where), _brackets(data, image, sha256, where, folder)
+    load = functools.partial(checked_pixels, image, sha256, size, crop, turned)
     return Frame(
         id=name,
         image=str(image),
         size=size,
-        load=functools.partial(checked_pixels, image, sha256, size, crop, turned),
+        load=functools.partial(checked_light, brackets, image, size, crop, turned) if brackets else load,
         sha256=sha256,
         reason="" if registered else text_of(data, "reason", where),
         camera_from_world=_rotation(data, where) if registered else None,
@@ -165,10 +194,31 @@ def _read(data: dict[str, Any], cameras: Sequence[Camera], where: str, folder: P
         crop_px=crop,
         quarter_turns=whole_of(data, "quarter_turns", where, 0, 3),
         turned=turned,
-        profile=functools.partial(picture_profile, image),
+        profile=None if brackets else functools.partial(picture_profile, image),
         mask=None if mask is None else functools.partial(checked_mask, mask, image, name, crop, turned),
         mask_image="" if mask is None else str(mask),
+        brackets=brackets,
     )
+
+
+def _brackets(data: dict[str, Any], image: Path, sha256: str, where: str, folder: Path) -> tuple[Bracket, ...]:
+    if "brackets" not in data:
+        return ()
+    found: list[Bracket] = []
+    for k, value in enumerate(list_of(data, "brackets", where)):
+        place = f"{where}: brackets[{k}]"
+        one = object_of(value, place)
+        demand_keys(one, place, _OF_BRACKET, ())
+        path = str(_path(one, "image", place, folder))
+        if path in (bracket.image for bracket in found):
+            raise InputError(f"{place}: image is that of another bracket too")
+        exposure = number_of(one, "exposure_ev", place, -_MAX_EV, _MAX_EV)
+        found.append(Bracket(path, text_of(one, "sha256", place), exposure))
+    if len(found) < 2:
+        raise InputError(f"{where}: brackets are {len(found)}; a frame is merged of two or more, or has no such key")
+    if (str(image), sha256) not in [bracket[:2] for bracket in found]:
+        raise InputError(f"{where}: image and sha256 are those of none of its brackets")
+    return tuple(found)
 
 
 def _rotation(data: dict[str, Any], where: str) -> FloatArray:

@@ -12,7 +12,7 @@ import math
 from pathlib import Path
 
 from fullsphere.model.circle import brightest, find_circle
-from fullsphere.mosaic.loading import load_pixels, loader
+from fullsphere.mosaic.loading import load_pixels, loader_of
 from fullsphere.mosaic.orientation_tag import turned_from_stored
 from fullsphere.mosaic.project import Frame, Picture
 from fullsphere.mosaic.rim import eight_bit
@@ -39,7 +39,7 @@ def turned_back(frame: Frame, centre_px: tuple[float, float] | None) -> Frame:
     return dataclasses.replace(
         frame,
         size=frame.size[::-1],
-        load=loader(Path(frame.image), None, turn),
+        load=loader_of(frame, None, turn),
         turned=turn,
         quarter_turns=(frame.quarter_turns - turn) % 4,
         prior=None if frame.prior is None else rotation @ frame.prior,
