@@ -20,8 +20,9 @@ _LIKELY_EV, _NEAR_EV = 0.5, 0.25  # from the median: so near are values of one t
 _ROUNDS = 4
 _WINDOW_PX = 384
 _PLACES = ((0.5, 0.5), (0.3, 0.3), (0.7, 0.3), (0.3, 0.7), (0.7, 0.7))  # of the windows' middles: inside any circle
-_FLAT_EV = 0.2  # standard deviation: a window with less shows no detail
-_FOUND = 0.1  # of 1: the least peak of a phase correlation that is believed
+_FINE_PX = 4.0  # standard deviation of the blur beside which detail stands out
+_FLAT_EV = 0.05  # standard deviation: a window with less shows no detail
+_FOUND = 0.2  # of 1: the least peak of a phase correlation that is believed
 
 
 class Look(NamedTuple):
@@ -95,7 +96,7 @@ def shift_between(one: Look, other: Look, ev: float) -> float | None:
         least, most = _DARK * max(1.0, 2.0**-ev), _CLIPPED * min(1.0, 2.0**-ev)
         if least >= most:
             continue
-        both = [np.log2(np.clip(light, least, most)).astype(np.float32) for light in (a, b)]
+        both = [_detail(np.clip(light, least, most)) for light in (a, b)]
         if min(float(light.std()) for light in both) < _FLAT_EV:
             continue
         across = cv2.createHanningWindow(a.shape[::-1], cv2.CV_32F)
@@ -103,6 +104,12 @@ def shift_between(one: Look, other: Look, ev: float) -> float | None:
         if peak > _FOUND:
             found.append(float(np.hypot(u, v)))
     return float(np.median(found)) if found else None
+
+
+def _detail(light: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Light (h, w) as EV above that around it."""
+    ev = np.log2(light).astype(np.float32)
+    return np.asarray(ev - cv2.GaussianBlur(ev, (0, 0), _FINE_PX))
 
 
 def _windows(height: int, width: int) -> list[tuple[slice, slice]]:

@@ -24,7 +24,7 @@ from fullsphere.mosaic.small_light import SmallLight, small_light
 
 _SIDE_PX = 1000  # of the picture on which it is decided what moved: noise averages out
 _LEVELS = 12  # of brightness, of each of which it is known how far brackets usually are apart
-_FEWEST = 50  # values of a level
+_FEWEST, _MOST = 50, 30_000  # squares that tell what is usual: of a level, of all
 _SPREADS, _ALIKE_EV = 4.0, 0.3  # further apart than so many usual differences, and this, is another thing
 _MOST_USUAL_EV, _MOST_SPREAD_EV = 1.0, 0.5  # where all that is so bright moved it is not what is usual
 _BRIGHTER_EV = 0.75  # a clipped pixel that another bracket shows darker than white by this much moved
@@ -137,10 +137,11 @@ def _unusual(ev: NDArray[np.float32], level: NDArray[np.float32], both: NDArray[
 
     What is usual they tell themselves: noise, and the tone curve of a camera, for which exposures are no mere factors.
     """
-    if np.count_nonzero(both) < _FEWEST:
+    squares = np.count_nonzero(both)
+    if squares < _FEWEST:
         return np.zeros(level.shape, bool)
-    brightness = np.log2(level + np.float32(_DARK))
-    inside, found = brightness[both], ev[both]
+    brightness, some = np.log2(level + np.float32(_DARK)), max(1, squares // _MOST)
+    inside, found = brightness[both][::some], ev[both][::some]
     count = min(_LEVELS, len(inside) // _FEWEST)
     part = np.array_split(np.argsort(inside, kind="stable"), count)
     at = np.array([inside[k].mean(dtype=float) for k in part])
