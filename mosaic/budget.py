@@ -19,6 +19,7 @@ _PER_PLACE = 80  # bytes for a pixel of the working sphere, of each frame, while
 _BANDS = 4  # of the panorama: one that is written, those that are computed ahead, and what an encoder makes of them
 _PER_TILE_PX = 150  # bytes for a pixel of a tile that is computed
 _WHILE_OPENED = 4  # copies of a frame: decoded, in its colour space, with its border
+_OF_LIGHT = 3  # times as large is a frame that is merged of brackets
 _TILES = (512, 256, 128)
 _MOST_IN_BANDS = 1 << 27  # wider panoramas are made in lower bands
 
@@ -41,7 +42,7 @@ def shared_out(
         If they are not enough; says the least that is needed, of `name`.
     """
     frames = mosaic.registered
-    pixels = [frame.size[0] * frame.size[1] for frame in frames]
+    pixels = [frame.size[0] * frame.size[1] * (_OF_LIGHT if frame.brackets else 1) for frame in frames]
     sphere = working_sphere(len(frames)).size
     planning = len(frames) * sphere[0] * sphere[1] * _PER_PLACE
     opened = max(pixels) * 4 * _WHILE_OPENED * min(threads, len(frames))
