@@ -18,12 +18,12 @@ def page_of_panorama(name: str, plan: Plan, executor: Executor | None = None) ->
     from fullsphere.cli import plots_panorama as plots
     from fullsphere.mosaic.agreement import agreement
     from fullsphere.mosaic.overview import overviews
+    from fullsphere.mosaic.sphere_pyramid import latitudes
 
     frames = plan.mosaic.registered
     names = [frame.id for frame in frames]
     found = agreement(plan.mosaic, overviews(plan.mosaic, plan.shares.sphere, executor, plan.shares.shifts))
-    height = found.frames.shape[0]
-    solid = np.cos((0.5 - (np.arange(height) + 0.5) / height) * np.pi)[:, None]
+    solid = np.cos(latitudes(len(found.frames)))[:, None]
     covered = float(((found.frames > 0) * solid).sum() / (solid.sum() * found.frames.shape[1]))
     before, after = (
         float(np.median(np.abs([getattr(pair, kind) for pair in found.pairs]))) if found.pairs else 0.0

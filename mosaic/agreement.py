@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fullsphere.mosaic.overview import Overview
 from fullsphere.mosaic.project import Mosaic
+from fullsphere.mosaic.sphere_pyramid import latitudes
 
 _LEAST = 50  # pixels of the working sphere that two frames must share to be compared
 _DARK = 0.01  # linear light: less tells nothing of exposure
@@ -79,8 +80,7 @@ def _ratio_ev(a: Overview, b: Overview) -> float | None:
     both = a.seen & b.seen & (light_a > _DARK) & (light_b > _DARK)
     if both.sum() < _LEAST:
         return None
-    rows = np.nonzero(both)[0]
-    solid = np.cos((0.5 - (rows + 0.5) / len(both)) * np.pi)
+    solid = np.cos(latitudes(len(both)))[np.nonzero(both)[0]]
     ratio = np.log2(light_a[both] / light_b[both])
     order = np.argsort(ratio, kind="stable")
     upto = np.cumsum(solid[order])

@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import connected_components
 
 from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.seam_kernels import deviations, middle
+from fullsphere.mosaic.sphere_pyramid import latitudes
 
 _CLEAR = 40  # coded light, summed over three channels: less is left to the seams
 _OF_NORMAL = 5.0  # times what four fifths of the sphere stay below
@@ -66,7 +67,7 @@ def what_moved(light: NDArray[np.int16], quality: NDArray[np.float32], preferenc
     cost = np.float32(_OUTVOTED) * np.maximum(single - clear / 2, 0)
     owner = np.full((height, width), -1, np.int16)
     regions, number = _regions(any_two, clear)
-    area = np.cos((0.5 - (np.arange(height) + 0.5) / height) * math.pi) * (2 * math.pi / width) * (math.pi / height)
+    area = np.cos(latitudes(height)) * (2 * math.pi / width) * (math.pi / height)
     if number == 0:
         return Moved(cost, owner)
     rim = regions > 0
@@ -135,7 +136,7 @@ def _around(image: NDArray[np.int16], seen: NDArray[np.bool_], function: Callabl
     result[~seen] = 32767 if least else -32768
     result = _widened(result, function, 1, 1)
     height = len(image)
-    cos = np.cos((0.5 - (np.arange(height) + 0.5) / height) * math.pi)
+    cos = np.cos(latitudes(height))
     reach = 1
     while (near := cos < 0.7 / reach).any() and reach < image.shape[1] // 4:
         rows = int(np.count_nonzero(near)) // 2  # the same at both poles

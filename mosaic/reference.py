@@ -16,6 +16,7 @@ from fullsphere.model.surface import Equirectangular
 from fullsphere.mosaic.frame_light import gain_of
 from fullsphere.mosaic.overview import Overview
 from fullsphere.mosaic.project import Frame, Mosaic
+from fullsphere.mosaic.sphere_pyramid import latitudes
 
 _TRUSTED = 0.9  # of what a frame can record: brighter is clipped, and says only that it is bright
 _LIGHT = 1.001  # more than this is in no frame of codes: such a frame holds light, which is not clipped
@@ -94,8 +95,7 @@ def reference_ev(mosaic: Mosaic, exposure: Exposure, overviews: Sequence[Overvie
     brightest, seen = _highlights(mosaic, overviews)
     if not seen.any():
         return 0.0
-    height = seen.shape[0]
-    rows = np.cos((0.5 - (np.arange(height) + 0.5) / height) * math.pi)
+    rows = np.cos(latitudes(len(seen)))
     weight = np.broadcast_to(rows[:, None], seen.shape)[seen]
     order = np.argsort(brightest[seen], kind="stable")
     share = np.cumsum(weight[order]) / weight.sum()

@@ -21,6 +21,7 @@ from fullsphere.mosaic.max_flow import grid_neighbours, minimum_cut
 from fullsphere.mosaic.moved import what_moved
 from fullsphere.mosaic.overview import Overview
 from fullsphere.mosaic.seam_kernels import best_frame, code_at, expansion, fill_nearest
+from fullsphere.mosaic.sphere_pyramid import latitudes
 
 _COARSEST = 256  # columns: below, things are lost
 _MOVED = 512  # columns at which what moved is looked for
@@ -88,7 +89,7 @@ def find_owners(overviews: Sequence[Overview], executor: Executor | None = None)
         _settle(owner, level.quality, free)
         features = _features(level, _widened(free, 2), scale, executor)
         _expand(owner, features, level.quality, _at_size(moved.cost, sizes[i]), free, preference, whole=i == 0)
-    lat = (0.5 - (np.arange(height) + 0.5) / height) * math.pi
+    lat = latitudes(height)
     fill_nearest(owner, np.sin(lat), np.cos(lat), np.cos(np.arange(width) * (2 * math.pi / width)))
     _to_who_sees(owner, overviews)
     return np.array(needed, np.int16)[np.maximum(owner, 0)]
@@ -105,7 +106,7 @@ def _needed(overviews: Sequence[Overview]) -> list[int]:
     step = max(1, height // 32)
     coarse = np.stack([one.quality[step // 2 :: step, step // 2 :: step] for one in overviews])
     good = (coarse > 0) & (coarse >= _NEARLY * coarse.max(0))
-    weight = np.cos((0.5 - np.arange(step // 2 + 0.5, height, step) / height) * math.pi)
+    weight = np.cos(latitudes(height))[step // 2 :: step]
     left, taken = good.any(0) * weight[:, None], []
     while left.any():
         taken.append(int(np.argmax((good * left).sum((1, 2)))))

@@ -27,7 +27,7 @@ from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.blend import Bands, MultiBand, filled
 from fullsphere.mosaic.overview import Overview
 from fullsphere.mosaic.shift import Shift
-from fullsphere.mosaic.sphere_pyramid import expand, reduce
+from fullsphere.mosaic.sphere_pyramid import expand, latitudes, reduce
 
 FLOOR = 0.02
 """Light e that is added before a logarithm is taken: differences in deeper shade are not brought out."""
@@ -149,7 +149,7 @@ def _alike(differs: NDArray[np.float32], both: NDArray[np.bool_]) -> NDArray[np.
     """Where a frame shows what the others do, if not as bright: what moved is no difference of brightness."""
     if not both.any():
         return both
-    latitude = (0.5 - (np.nonzero(both)[0] + 0.5) / len(both)) * np.pi
+    latitude = latitudes(len(both))[np.nonzero(both)[0]]
     even = np.random.default_rng(0).random(latitude.size) < np.cos(latitude)  # each direction as likely as any other
     usual = np.median(differs[both][even], axis=0) if even.any() else np.zeros(3)
     alike: NDArray[np.bool_] = both & (np.abs(differs - usual).max(-1) < _UNLIKE)
