@@ -22,9 +22,9 @@ from fullsphere.model.surface import Equirectangular
 from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.frame_colour import common_profile
 from fullsphere.mosaic.frame_light import Gain, codes_of, gain_of
-from fullsphere.mosaic.overview_kernels import reduced_light
 from fullsphere.mosaic.project import Frame, Mosaic
 from fullsphere.mosaic.shift import Shift
+from fullsphere.mosaic.small_light import small_light
 
 RIM = math.radians(0.7)
 """The last of a field of view, which is dark and soft in every lens: nothing is taken from there."""
@@ -156,15 +156,11 @@ def _density(camera: Camera, theta: FloatArray) -> FloatArray:
 def reduced_frame(frame: Frame, camera: Camera, factor: int, profile: Profile = SRGB) -> Reduced:
     """The light of a frame as it was recorded, averaged over squares of `factor` pixels."""
     codes = codes_of(frame, profile)
-    height, width = codes.shape[0] // factor, codes.shape[1] // factor
-    light, seen = np.empty((height, width, 3), np.float32), np.empty((height, width), np.float32)
-    clipped = np.empty_like(seen)
     white = math.inf if codes.dtype.kind == "f" else _WHITE * np.iinfo(codes.dtype).max
     radius = float(camera.lens.radius(camera.half_fov - RIM))
     disc = np.array([*camera.centre, camera.aspect, radius * radius])
-    reduced_light(codes, decoding_table(codes.dtype, profile), white, disc, factor, light, seen, clipped)
-    light *= seen[..., None]
-    return Reduced(light, seen, clipped, factor)
+    small = small_light(codes, decoding_table(codes.dtype, profile), white, factor, disc)
+    return Reduced(small.light * small.seen[..., None], small.seen, small.clipped, factor)
 
 
 def _factor(camera: Camera, sphere: Equirectangular) -> int:

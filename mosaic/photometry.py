@@ -24,9 +24,9 @@ from fullsphere.model.table import RayTable, tabulate
 from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.frame_colour import common_profile
 from fullsphere.mosaic.frame_light import codes_of
-from fullsphere.mosaic.overview_kernels import reduced_light
 from fullsphere.mosaic.photometry_fit import Photometry, fit
 from fullsphere.mosaic.project import Frame, Picture
+from fullsphere.mosaic.small_light import small_light
 
 __all__ = ["Photometry", "estimate_photometry"]
 
@@ -96,11 +96,7 @@ def _reduced(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """A frame's light averaged over squares of pixels (h, w, 3), and 1 where all of them are to be trusted."""
     white = float(np.searchsorted(table, _CLIPPED)) if table.size else math.inf
-    height, width = codes.shape[0] // factor, codes.shape[1] // factor
-    light, seen = np.empty((height, width, 3), np.float32), np.empty((height, width), np.float32)
-    clipped = np.empty_like(seen)
-    everywhere = np.array([0.0, 0.0, 1.0, math.inf])
-    reduced_light(codes, table, white, everywhere, factor, light, seen, clipped)
+    light, seen, clipped = small_light(codes, table, white, factor)
     whole = (seen == 1) & (clipped == 0)
     dark = _DARK if table.size else _DARK_LIGHT * float(light[whole].mean(dtype=np.float64)) if whole.any() else 0.0
     return light, (whole[..., None] & (light > dark)).astype(np.float32)
