@@ -13,9 +13,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
+from fullsphere.model.colour import encoded_from_linear
 from fullsphere.model.errors import UsageError
 
 Format = Literal["svg", "png", "pdf"]
@@ -107,6 +110,13 @@ def styled() -> Iterator[None]:
         mpl.rcdefaults()
         mpl.rcParams.update(_STYLE)
         yield
+
+
+def shown_light(light: NDArray[np.floating[Any]], seen: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Light (h, w, 3) as 8-bit codes, bright enough to be looked at where it is seen (h, w)."""
+    white = max(float(np.percentile(light[seen], 99)), 1e-6) if seen.any() else 1.0
+    codes: NDArray[np.uint8] = encoded_from_linear(np.minimum(light / np.float32(white), 1), np.uint8)
+    return codes
 
 
 def blank(width_in: float = 6.4, height_in: float = 4.2) -> tuple[Figure, Axes]:

@@ -118,7 +118,7 @@ def contact_picture(mosaic: Mosaic, view: View) -> tuple[NDArray[np.uint8] | Non
     """
     import numpy as np
 
-    from fullsphere.model.colour import encoded_from_linear
+    from fullsphere.cli.figures import shown_light
     from fullsphere.model.errors import FullsphereError
     from fullsphere.model.surface import Equirectangular
     from fullsphere.model.table import tabulate
@@ -143,9 +143,7 @@ def contact_picture(mosaic: Mosaic, view: View) -> tuple[NDArray[np.uint8] | Non
     if not weight.any():
         return None, missing
     shown = light / np.maximum(weight, 1e-12)[..., None]
-    white = max(float(np.percentile(shown[weight > 0], 99)), 1e-6)
-    sheet = encoded_from_linear(np.minimum(shown / white, 1), np.uint8)
-    return np.where(weight[..., None] > 0, sheet, np.uint8(255)), missing
+    return np.where(weight[..., None] > 0, shown_light(shown, weight > 0), np.uint8(255)), missing
 
 
 def _seen(

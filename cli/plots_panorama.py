@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from fullsphere.cli.figures import BLUE, COLOURS, FAINT, ORANGE, RED, Drawing, blank, styled
+from fullsphere.cli.figures import BLUE, COLOURS, FAINT, ORANGE, RED, Drawing, blank, shown_light, styled
 from fullsphere.model.camera import Camera
-from fullsphere.model.colour import encoded_from_linear
-from fullsphere.model.lens import FloatArray, Stereographic
+from fullsphere.model.lens import Stereographic
 from fullsphere.model.remap import remap
 from fullsphere.model.surface import Equirectangular
 from fullsphere.mosaic.agreement import Agreement
@@ -25,13 +25,13 @@ _PALE = 0.25  # of a frame's colour in the map of seams
 def seam_map(found: Agreement, owners: NDArray[np.int16], names: list[str]) -> Drawing:
     """Whose picture is shown where, over what all show together."""
     colours = np.array([[int(c[k : k + 2], 16) / 255 for k in (1, 3, 5)] for c in COLOURS], np.float32)
-    shown = shown_light(found) / 255 * (1 - _PALE) + _PALE * colours[owners % len(COLOURS)]
+    shown = shown_light(found.light, found.frames > 0) / 255 * (1 - _PALE) + _PALE * colours[owners % len(COLOURS)]
     edges = (owners != np.roll(owners, 1, 1)) | (owners != np.roll(owners, 1, 0))
     edges[0] = False
     shown[edges] = 1
     with styled():
-        figure = _sphere(shown)
-        axes = figure.axes[0]
+        figure, axes = _sphere()
+        axes.imshow(np.clip(shown, 0, 1), extent=_EXTENT, interpolation="antialiased")
         height, width = owners.shape
         for k in np.unique(owners).tolist():
             rows, columns = np.nonzero(owners == k)
@@ -51,11 +51,10 @@ def seam_map(found: Agreement, owners: NDArray[np.int16], names: list[str]) -> D
 def difference_map(found: Agreement) -> Drawing:
     """Where frames disagree."""
     with styled():
-        figure, axes = blank(9.6, 5.4)
+        figure, axes = _sphere()
         shown = np.ma.masked_where(found.frames < 2, found.difference)
         image = axes.imshow(shown, extent=_EXTENT, vmin=0, vmax=0.4, cmap="magma", interpolation="antialiased")
-        axes.grid(visible=False)
-        axes.set(xlabel="yaw (degrees)", ylabel="pitch (degrees)", facecolor="#dddddd")
+        axes.set(facecolor="#dddddd")
         figure.colorbar(image, ax=axes, location="bottom", shrink=0.6, aspect=40, label="largest difference (of white)")
     return Drawing(
         "differences",
@@ -70,7 +69,7 @@ def difference_map(found: Agreement) -> Drawing:
 def coverage_map(found: Agreement) -> Drawing:
     """How many frames see each direction."""
     with styled():
-        figure, axes = blank(9.6, 5.4)
+        figure, axes = _sphere()
         most = max(int(found.frames.max()), 1)
         image = axes.imshow(found.frames, extent=_EXTENT, vmin=0, vmax=most, cmap="viridis", interpolation="nearest")
         axes.contour(
@@ -80,8 +79,6 @@ def coverage_map(found: Agreement) -> Drawing:
             levels=[0.5],
             colors=[RED],
         )
-        axes.grid(visible=False)
-        axes.set(xlabel="yaw (degrees)", ylabel="pitch (degrees)")
         figure.colorbar(image, ax=axes, location="bottom", shrink=0.6, aspect=40, label="frames")
     return Drawing(
         "coverage",
@@ -97,7 +94,7 @@ def poles(found: Agreement) -> Drawing:
     lens = Stereographic(_POLE_PX / 2 / (2 * math.tan(half / 2)))
     camera = Camera(lens, (_POLE_PX, _POLE_PX), ((_POLE_PX - 1) / 2,) * 2, half_fov=half)
     sphere = Equirectangular((found.light.shape[1], found.light.shape[0]))
-    picture = shown_light(found)
+    picture = shown_light(found.light, found.frames > 0)
     picture[found.frames == 0] = 255
     with styled():
         figure = Figure(figsize=(9.6, 5.0), layout="constrained")
@@ -139,17 +136,9 @@ def exposures(found: Agreement) -> Drawing:
     )
 
 
-def shown_light(found: Agreement) -> NDArray[np.uint8]:
-    """The light (H, W, 3) as 8-bit codes, bright enough to be looked at."""
-    covered = found.frames > 0
-    white = max(float(np.percentile(found.light[covered], 99)), 1e-6) if covered.any() else 1.0
-    codes: NDArray[np.uint8] = encoded_from_linear(np.minimum(found.light / np.float32(white), 1), np.uint8)
-    return codes
-
-
-def _sphere(shown: FloatArray | NDArray[np.float32]) -> Figure:
+def _sphere() -> tuple[Figure, Axes]:
+    """Axes for a picture of the whole sphere."""
     figure, axes = blank(9.6, 5.4)
-    axes.imshow(np.clip(shown, 0, 1), extent=_EXTENT, interpolation="antialiased")
     axes.grid(visible=False)
     axes.set(xlabel="yaw (degrees)", ylabel="pitch (degrees)")
-    return figure
+    return figure, axes
