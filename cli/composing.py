@@ -113,11 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser, width: str) -> None:
         choices=tuple(DTYPES),
         help="bits of a sample, or floats of linear light (default: what the frames have and the format holds)",
     )
-    group.add_argument(
-        "--compression",
-        metavar="KIND",
-        help=".tif: zip (default), lzw, none; .exr: zip, piz, none, dwaa; .png: zip, none; .jpg: quality 1 to 100",
-    )
+    console.add_compression(group)
     group.add_argument(
         "--nadir",
         choices=("leave", "fill"),

@@ -97,6 +97,15 @@ def say_brackets(args: argparse.Namespace, frames: Sequence[Frame]) -> None:
         say(args, found)
 
 
+def add_compression(group: argparse._ArgumentGroup) -> None:
+    """Declare how pictures are compressed; `check_panorama` knows which kind goes with which format."""
+    group.add_argument(
+        "--compression",
+        metavar="KIND",
+        help=".tif: zip (default), lzw, none; .exr: zip, piz, none, dwaa; .png: zip, none; .jpg: quality 1 to 100",
+    )
+
+
 def bytes_of(text: str) -> int:
     """The amount that 500MB or 2GB spells, as a type of argparse."""
     match = re.fullmatch(r"(\d{1,6})(MB|GB)", text, re.ASCII)

@@ -101,11 +101,7 @@ def _add_output_arguments(group: argparse._ArgumentGroup) -> None:
         help="of the pictures in a folder (default: that of each source; .tif where it cannot be written)",
     )
     group.add_argument("--no-alpha", action="store_true", help="leave out the alpha that says which pixels were seen")
-    group.add_argument(
-        "--compression",
-        metavar="KIND",
-        help=".tif: zip (default), lzw, none; .exr: zip, piz, none, dwaa; .png: zip, none; .jpg: quality 1 to 100",
-    )
+    console.add_compression(group)
     group.add_argument(
         "--raw",
         metavar="WxH:PIXELS",
