@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,8 +46,7 @@ class Residuals(NamedTuple):
 
     def where(self, chosen: NDArray[np.bool_]) -> Residuals:
         """Those that are chosen (m,)."""
-        kept: dict[str, Any] = {name: values[chosen] for name, values in self._asdict().items()}
-        return Residuals(**kept)
+        return Residuals(*_where(self, chosen))
 
 
 class Sights(NamedTuple):
@@ -75,8 +75,11 @@ class Sights(NamedTuple):
 
     def where(self, chosen: NDArray[np.bool_]) -> Sights:
         """Those that are chosen (s,)."""
-        kept: dict[str, Any] = {name: values[chosen] for name, values in self._asdict().items()}
-        return Sights(**kept)
+        return Sights(*_where(self, chosen))
+
+
+def _where(values: Iterable[NDArray[Any]], chosen: NDArray[np.bool_]) -> Iterator[NDArray[Any]]:
+    return (value[chosen] for value in values)
 
 
 class FrameResiduals(NamedTuple):
