@@ -19,7 +19,7 @@ from fullsphere.model.image_library import opened
 from fullsphere.model.panorama_file import check_panorama, open_panorama
 from fullsphere.model.panorama_writers import PanoramaWriter
 from fullsphere.model.picture_file import PictureFile, open_picture
-from fullsphere.model.picture_metadata import Attributes, carried, gpano, noted_ev
+from fullsphere.model.picture_metadata import Attributes, carried, gpano, noted_ev, over_under
 from fullsphere.model.resources import require_memory
 
 __all__ = [
@@ -34,6 +34,7 @@ __all__ = [
     "noted_ev",
     "open_panorama",
     "open_picture",
+    "over_under",
     "picture_profile",
     "picture_size",
     "read_picture",

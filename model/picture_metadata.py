@@ -15,7 +15,12 @@ from fullsphere.model.errors import UsageError
 Value = str | int | float | bool | tuple[float, ...]
 Attributes = Mapping[str, Value]
 
-_SPACES = {"GPano": "http://ns.google.com/photos/1.0/panorama/", "xmp": "http://ns.adobe.com/xap/1.0/"}
+_SPACES = {
+    "GPano": "http://ns.google.com/photos/1.0/panorama/",
+    "GSpherical": "http://ns.google.com/videos/1.0/spherical/",
+    "xmp": "http://ns.adobe.com/xap/1.0/",
+}
+_SPHERICAL = ("GPano:", "GSpherical:")
 
 _KINDS: dict[str, type] = {
     "Make": str,
@@ -83,6 +88,20 @@ def gpano(size: tuple[int, int], window: tuple[int, int, int, int] | None = None
     }
 
 
+def over_under() -> dict[str, Value]:
+    """The attributes that tell a viewer that a picture is two whole spheres, the left eye's above the right eye's.
+
+    For still pictures no field is agreed on; these are the ones of spherical video (Google, "Spherical Video RFC", V1).
+    """
+    return {
+        "GSpherical:Spherical": "true",
+        "GSpherical:Stitched": "true",
+        "GSpherical:StitchingSoftware": f"fullsphere {version('fullsphere')}",
+        "GSpherical:ProjectionType": "equirectangular",
+        "GSpherical:StereoMode": "top-bottom",
+    }
+
+
 def carried(
     metadata: Attributes, icc_profile: bytes | None, channels: int, same_samples: bool = True
 ) -> tuple[dict[str, Value], bytes | None]:
@@ -136,8 +155,8 @@ def sound(name: str, value: object) -> Value | None:
 
 
 def xmp_packet(attributes: Attributes) -> bytes:
-    """An XMP packet of the GPano fields and the program's name; b"" if there are none."""
-    fields = [(name, str(value)) for name, value in attributes.items() if name.startswith("GPano:")]
+    """An XMP packet of the GPano and GSpherical fields and the program's name; b"" if there are none."""
+    fields = [(name, str(value)) for name, value in attributes.items() if name.startswith(_SPHERICAL)]
     if "Software" in attributes:
         fields.append(("xmp:CreatorTool", str(attributes["Software"])))
     if not fields:

@@ -7,7 +7,9 @@ eye's rays the first of two frames looks nearer to its rim than the second, alon
 
 from __future__ import annotations
 
+import itertools
 from concurrent.futures import Executor
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,27 +27,44 @@ _PRIOR = 1e-6  # of each frame, beside ratios of weight 1: only the mean is held
 def even_light(reader: TurnReader, executor: Executor | None = None) -> NDArray[np.float32]:
     """Factors (n, 3) for the light of each frame."""
     n = len(reader.turn.frames)
+    seen = ordered_map(executor, lambda k: _seen(reader, k), range(n))
+    first = before = next(seen)
+    brighter = []
+    for this in itertools.chain(seen, (first,)):
+        brighter.append(_brighter(before, this))
+        before = this
+    ratios = np.array(brighter)
+    return np.stack([np.exp2(-_levels(ratios[:, channel])) for channel in range(3)], -1).astype(np.float32)
 
-    def ratio(k: int) -> FloatArray:
-        return _ratio(reader, k, (k + 1) % n)
 
-    brighter = np.array(list(ordered_map(executor, ratio, range(n))))
-    return np.stack([np.exp2(-_levels(brighter[:, channel])) for channel in range(3)], -1).astype(np.float32)
+class _Shown(NamedTuple):
+    """What a frame shows of the columns at its own angle, at that of the frame before and of the one behind it."""
+
+    own: Seen
+    before: Seen
+    behind: Seen
 
 
-def _ratio(reader: TurnReader, first: int, second: int) -> FloatArray:
+def _seen(reader: TurnReader, k: int) -> _Shown:
+    angles = reader.turn.angles
+    return _Shown(*(reader.read(k, _columns(reader, angles[i % len(angles)])) for i in (k, k - 1, k + 1)))
+
+
+def _columns(reader: TurnReader, angle: float) -> slice:
+    """The columns around a turn angle."""
+    left = round(angle / (2 * np.pi) * reader.surface.size[0] - 0.5) - _COLUMNS // 2
+    return slice(left, left + _COLUMNS)
+
+
+def _brighter(first: _Shown, second: _Shown) -> FloatArray:
     """How much brighter the second of two neighbours recorded the same than the first (3,), in EV; NaN if unknown."""
-    width, height = reader.surface.size
+    height = len(first.own.worth)
     left_eye = np.abs(np.arange(height) + 0.5 - height / 2) < height / 4
-    halves = []
-    for frame, rows in ((first, left_eye), (second, ~left_eye)):
-        left = round(reader.turn.angles[frame] / (2 * np.pi) * width - 0.5) - _COLUMNS // 2
-        columns = slice(left, left + _COLUMNS)
-        halves.append(_brighter(reader.read(first, columns), reader.read(second, columns), rows))
+    halves = [_ratio(first.own, second.before, left_eye), _ratio(first.behind, second.own, ~left_eye)]
     return np.asarray(np.mean(halves, axis=0))
 
 
-def _brighter(first: Seen, second: Seen, rows: NDArray[np.bool_]) -> FloatArray:
+def _ratio(first: Seen, second: Seen, rows: NDArray[np.bool_]) -> FloatArray:
     """The median ratio (3,) in EV of what two frames saw in some rows (H,)."""
     usable = (first.worth > 0) & (second.worth > 0) & rows[:, None]
     for seen in (first, second):

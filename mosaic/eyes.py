@@ -7,12 +7,15 @@ the same pixels as its two eyes, which are as wide and half as high: nothing is 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fullsphere.model.errors import UsageError
+
+Eye = Literal["left", "right"]
+"""Which eye."""
 
 
 def checked_width(width: int) -> int:
@@ -24,9 +27,16 @@ def checked_width(width: int) -> int:
 
 def eyes_of(mosaic: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """The left and the right eye (W/2, W, ...) of a mosaic (W, W, ...), W a multiple of 4."""
-    quarter = len(mosaic) // 4
-    above, middle, below = mosaic[:quarter], mosaic[quarter : 3 * quarter], mosaic[3 * quarter :]
-    return np.roll(middle, -quarter, axis=1), np.roll(np.concatenate([below, above])[::-1], quarter, axis=1)
+    everything = slice(0, len(mosaic) // 2)
+    return eye_rows(mosaic, "left", everything), eye_rows(mosaic, "right", everything)
+
+
+def eye_rows(mosaic: NDArray[Any], eye: Eye, rows: slice) -> NDArray[Any]:
+    """Rows (h, W, ...) of an eye, from its own top."""
+    quarter, number = len(mosaic) // 4, np.arange(rows.start, rows.stop)
+    if eye == "left":
+        return np.roll(mosaic[quarter + number], -quarter, axis=1)
+    return np.roll(mosaic[(quarter - 1 - number) % len(mosaic)], quarter, axis=1)
 
 
 def mosaic_of(left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fullsphere.model.colour import encoded_from_linear, linear_from_encoded
 from fullsphere.model.icc import SRGB, Profile
@@ -40,6 +41,12 @@ def in_profile(picture: Picture, own: Profile, wanted: Profile) -> Picture:
             light[..., :3] = light[..., :3] @ wanted_from_own
         converted[top : top + _ROWS] = encoded_from_linear(light, np.uint16, wanted)
     return converted
+
+
+def srgb_light(light: NDArray[np.float32], own: Profile) -> NDArray[np.float32]:
+    """Linear light (..., 3) of a colour space in the primaries of sRGB, which files of floats are in."""
+    to_srgb = own.srgb_from_own.T.astype(np.float32)
+    return light if np.array_equal(to_srgb, np.eye(3)) else np.asarray(light @ to_srgb)
 
 
 def colour_notes(frames: Sequence[Frame]) -> tuple[str, ...]:

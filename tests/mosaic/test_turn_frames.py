@@ -1,0 +1,88 @@
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from fullsphere.model.errors import InputError, UsageError
+from fullsphere.mosaic.project import Frame
+from fullsphere.mosaic.turn_frames import even_angles, in_turn, open_turn, read_angles
+
+
+def frames(count: int) -> list[Frame]:
+    return [Frame(f"f{k}.png", "", (4, 4), lambda: np.zeros((4, 4, 3), np.uint8)) for k in range(count)]
+
+
+def pictures(folder: Path, count: int, side: int = 24) -> list[Path]:
+    paths = [folder / f"f{k}.png" for k in range(count)]
+    for k, path in enumerate(paths):
+        cv2.imwrite(str(path), np.full((side, side, 3), 10 + k, np.uint8))
+    return paths
+
+
+def told(folder: Path, text: str) -> Path:
+    path = folder / "angles.txt"
+    path.write_text(text)
+    return path
+
+
+def test_even_steps_go_round_to_either_side() -> None:
+    np.testing.assert_allclose(even_angles(frames(4)), np.radians([0, 90, 180, 270]))
+    np.testing.assert_allclose(even_angles(frames(4), to_the_right=False), np.radians([0, 270, 180, 90]))
+
+
+def test_angles_are_read_by_name_or_in_order(tmp_path: Path) -> None:
+    by_name = told(tmp_path, "# a turn\nf1.png, 20.5\n\nf0.png\t-3  # slipped\n")
+    np.testing.assert_allclose(read_angles(by_name, frames(2)), np.radians([-3, 20.5]))
+    np.testing.assert_allclose(read_angles(told(tmp_path, "1\n2\n3"), frames(3)), np.radians([1, 2, 3]))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("f0.png 1\n", "no angle for f1.png"),
+        ("f0.png 1\nf0.png 2\n", "line 2: f0.png has an angle already"),
+        ("1\n2\n3\n", "3 angles, and there are 2 frames"),
+        ("f0.png 1\nf1.png north\n", "line 2: 'north' is no angle"),
+        ("f0.png 1\n7\n", "line 2 is not like the others"),
+        ("# nothing\n", "no angles"),
+        ("nan\n1\n", "line 1: 'nan'"),
+    ],
+)
+def test_angles_that_cannot_be_used_are_refused_with_their_line(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        read_angles(told(tmp_path, text), frames(2))
+
+
+def test_frames_are_put_in_the_order_of_their_angles() -> None:
+    ordered, angles = in_turn(frames(3), np.radians([350, -5, 10]))
+    assert [frame.id for frame in ordered] == ["f2.png", "f0.png", "f1.png"]
+    np.testing.assert_allclose(angles, np.radians([10, 350, 355]))
+
+
+def test_one_angle_for_two_frames_is_refused() -> None:
+    with pytest.raises(UsageError, match=r"f0\.png and f2\.png"):
+        in_turn(frames(3), np.array([0.5, 1, 0.5 + 2 * math.pi]))
+
+
+def test_only_pictures_of_the_cameras_size_are_taken(tmp_path: Path) -> None:
+    paths = pictures(tmp_path, 10)
+    cv2.imwrite(str(paths[3]), np.zeros((12, 24, 3), np.uint8))
+    paths[5].write_bytes(paths[4].read_bytes())
+    paths.append(told(tmp_path, "no picture"))
+    found = open_turn(paths, (24, 24))
+    reasons = {frame.id: frame.reason for frame in found if frame.reason}
+    assert reasons["f3.png"] == "is 24 x 12 pixels, the camera is for 24 x 24"
+    assert reasons["f5.png"] == "is the same file as f4.png"
+    assert set(reasons) == {"f3.png", "f5.png", "angles.txt"}
+
+
+def test_too_few_frames_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="at least 8 frames, and 5 of the 5"):
+        open_turn(pictures(tmp_path, 5), (24, 24))
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"gone\.png: there is no such file"):
+        open_turn([tmp_path / "gone.png"], (24, 24))
