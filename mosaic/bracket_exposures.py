@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from fullsphere.model.colour import decoding_table
 from fullsphere.model.errors import InputError
 from fullsphere.model.images import read_picture
+from fullsphere.mosaic.camera_response import Pair, responded
 from fullsphere.mosaic.small_light import small_light
 
 _SIDE_PX = 600  # of the pictures that are compared: noise and small shifts average out
@@ -26,10 +28,14 @@ _FOUND = 0.2  # of 1: the least peak of a phase correlation that is believed
 
 
 class Look(NamedTuple):
-    """A picture made small: its light (h, w, 3), which of its pixels are sure (h, w), and windows of it as it is."""
+    """A picture made small: its light (h, w, 3), and which of its pixels are sure (h, w): none of them above `most`.
+
+    `windows` are parts of it as it is.
+    """
 
     light: NDArray[np.float32]
     sure: NDArray[np.bool_]
+    most: float
     windows: tuple[NDArray[np.float32], ...]
 
 
@@ -41,8 +47,8 @@ class Step(NamedTuple):
     agreeing: float
 
 
-def look_at(path: Path) -> Look:
-    """Open a picture file to compare it.
+def look_at(path: Path, response_ev: Sequence[float] = ()) -> Look:
+    """Open a picture file to compare it, its light by the camera's tone curve (`camera_response`).
 
     Raises
     ------
@@ -52,13 +58,21 @@ def look_at(path: Path) -> Look:
     picture = read_picture(path)
     if picture.linear:
         raise InputError(f"{path}: holds light (floating point), which needs no brackets; give pictures of codes")
-    codes, table = picture.pixels, decoding_table(picture.pixels.dtype, picture.profile)
+    codes = picture.pixels
+    table = responded(decoding_table(codes.dtype, picture.profile), response_ev)
+    most = float(responded(np.array(_CLIPPED), response_ev))
     colour = codes if codes.shape[2] >= 3 else np.repeat(codes[..., :1], 3, axis=2)
     factor = max(1, round(max(codes.shape[:2]) / _SIDE_PX))
-    small = small_light(colour, table, float(np.searchsorted(table, _CLIPPED)), factor)
+    small = small_light(colour, table, float(np.searchsorted(table, most)), factor)
     green = codes[..., 1 if codes.shape[2] >= 3 else 0]
     windows = tuple(table[green[window]] for window in _windows(*codes.shape[:2]))
-    return Look(small.light, (small.seen == 1) & (small.clipped == 0), windows)
+    return Look(small.light, (small.seen == 1) & (small.clipped == 0), most, windows)
+
+
+def pair_of(dark: Look, bright: Look, noted_ev: float) -> Pair:
+    """What two pictures of one size tell of the camera's tone curve."""
+    sure = dark.sure & bright.sure
+    return Pair(dark.light[sure].astype(float).ravel(), bright.light[sure].astype(float).ravel(), noted_ev)
 
 
 def step_between(dark: Look, bright: Look) -> Step:
@@ -93,7 +107,7 @@ def shift_between(one: Look, other: Look, ev: float) -> float | None:
     found = []
     for a, b in zip(one.windows, other.windows, strict=True):
         b = b * np.float32(2.0**-ev)
-        least, most = _DARK * max(1.0, 2.0**-ev), _CLIPPED * min(1.0, 2.0**-ev)
+        least, most = _DARK * max(1.0, 2.0**-ev), one.most * min(1.0, 2.0**-ev)
         if least >= most:
             continue
         both = [_detail(np.clip(light, least, most)) for light in (a, b)]

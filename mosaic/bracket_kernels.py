@@ -8,9 +8,6 @@ import numpy as np
 
 from fullsphere.model.kernels import compiled
 
-NEARLY, CLIPPED = 0.8, 0.95
-"""Linear light, of full scale: brighter than the first a pixel is trusted less, from the second on not at all."""
-
 FLOOR = 0.003
 """Linear light at which the noise of rounding and reading is as strong as that of counted photons."""
 
@@ -25,6 +22,8 @@ def add_bracket(
     exposure: float,
     darkest: bool,
     least: float,
+    nearly: float,
+    clipped: float,
     moved: np.ndarray,
     factor: int,
     light: np.ndarray,
@@ -48,6 +47,8 @@ def add_bracket(
         Whether no bracket is darker: it is trusted however bright it is.
     least
         Share of its weight that a pixel keeps where it is not to be trusted.
+    nearly, clipped
+        Light of a code: brighter than the first a pixel is trusted less, from the second on not at all.
     moved
         (H, W) 0..1 over squares of `factor` pixels: where the bracket shows another thing than those before.
     light, weight
@@ -57,7 +58,7 @@ def add_bracket(
     value = np.empty(3, np.float32)
     per_square, per_exposure = np.float32(1 / factor), np.float32(1 / exposure)
     t, half, one, zero = np.float32(exposure), np.float32(0.5), np.float32(1), np.float32(0)
-    nearly, span, floor = np.float32(NEARLY), np.float32(CLIPPED - NEARLY), np.float32(FLOOR)
+    full, span, floor = np.float32(nearly), np.float32(clipped - nearly), np.float32(FLOOR)
     for j in range(weight.shape[0]):
         y = min(max((np.float32(j) + half) * per_square - half, zero), np.float32(bottom))
         above = np.int64(math.floor(y))
@@ -75,7 +76,7 @@ def add_bracket(
             upper = moved[above, left] + dx * (moved[above, beside] - moved[above, left])
             lower = moved[below, left] + dx * (moved[below, beside] - moved[below, left])
             still = one - (upper + dy * (lower - upper))
-            s = min(max((brightest - nearly) / span, zero), one)
+            s = min(max((brightest - full) / span, zero), one)
             trust = one if darkest else one - s * s * (np.float32(3) - s - s)
             expected = t * before / weight[j, i] if weight[j, i] > zero else brightest
             much = t * t / (expected + floor) * max(trust * still, np.float32(least))

@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 from fullsphere.model.colour import decoding_table
 from fullsphere.model.icc import Profile
 from fullsphere.model.lens import FloatArray
-from fullsphere.mosaic.bracket_kernels import LEAST, NEARLY, add_bracket
+from fullsphere.mosaic.bracket_kernels import LEAST, add_bracket
+from fullsphere.mosaic.camera_response import responded
 from fullsphere.mosaic.project import Picture
 from fullsphere.mosaic.small_light import SmallLight, small_light
 
+_FULL = (0.8, 0.95)  # light by the profile: brighter than the first counts less, from the second on not at all
 _SIDE_PX = 1000  # of the picture on which it is decided what moved: noise averages out
 _LEVELS = 12  # of brightness, of each of which it is known how far brackets usually are apart
 _FEWEST, _MOST = 50, 30_000  # squares that tell what is usual: of a level, of all
@@ -46,7 +48,12 @@ class _Known(NamedTuple):
     weight: NDArray[np.float32]
 
 
-def merged_light(exposures_ev: Sequence[float], reference: int, opened: Callable[[int], Exposed]) -> Picture:
+def merged_light(
+    exposures_ev: Sequence[float],
+    reference: int,
+    opened: Callable[[int], Exposed],
+    response_ev: Sequence[float] = (),
+) -> Picture:
     """The light (h, w, c) of a bracketed picture, float32; 1 is what clips at an exposure of 0 EV.
 
     Parameters
@@ -57,6 +64,8 @@ def merged_light(exposures_ev: Sequence[float], reference: int, opened: Callable
         Index of the bracket that shows things where they are.
     opened
         Gives a bracket by its index; all are of one size.  What is not opaque in one of them is transparent.
+    response_ev
+        The tone curve of the camera (`camera_response`).
 
     Returns
     -------
@@ -69,15 +78,17 @@ def merged_light(exposures_ev: Sequence[float], reference: int, opened: Callable
     weight = np.zeros(codes.shape[:2], np.float32)
     known, alpha = None, _alpha(codes)
     to_srgb = profile.srgb_from_own.T.astype(np.float32)
+    nearly, clipped = responded(np.array(_FULL), response_ev).tolist()
     for k in _order(exposures, reference):
         if known is not None:
             codes, profile = opened(k)
             alpha = np.minimum(alpha, _alpha(codes))
-        exposure, table = float(exposures[k]), decoding_table(codes.dtype, profile)
+        exposure, table = float(exposures[k]), responded(decoding_table(codes.dtype, profile), response_ev)
         factor = max(1, round(max(codes.shape[:2]) / _SIDE_PX))
-        known, moved = _added(known, _small(codes, table, factor, exposure), exposure, exposure == darkest)
+        small = _small(codes, table, nearly, factor, exposure)
+        known, moved = _added(known, small, exposure, exposure == darkest)
         least = LEAST if k == reference else 0.0
-        add_bracket(codes, table, exposure, exposure == darkest, least, moved, factor, total, weight)
+        add_bracket(codes, table, exposure, exposure == darkest, least, nearly, clipped, moved, factor, total, weight)
     total /= weight[..., None]
     if total.shape[2] == 3 and not np.array_equal(to_srgb, np.eye(3)):
         total = np.maximum(total @ to_srgb, np.float32(0))
@@ -98,10 +109,10 @@ def _order(exposures: FloatArray, reference: int) -> list[int]:
     return [reference, *rising[:place][::-1], *rising[place + 1 :]]
 
 
-def _small(codes: Picture, table: NDArray[np.float32], factor: int, exposure: float) -> SmallLight:
+def _small(codes: Picture, table: NDArray[np.float32], nearly: float, factor: int, exposure: float) -> SmallLight:
     """A bracket made small, its light at the reference's exposure."""
     colour = codes if codes.shape[2] >= 3 else np.repeat(codes[..., :1], 3, axis=2)
-    small = small_light(colour, table, float(np.searchsorted(table, NEARLY)), factor)
+    small = small_light(colour, table, float(np.searchsorted(table, nearly)), factor)
     return small._replace(light=small.light / np.float32(exposure))
 
 

@@ -8,6 +8,7 @@ of their names.  The notes decide where the pictures have nothing in common that
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import logging
 from collections.abc import Callable, Sequence
@@ -21,7 +22,8 @@ from fullsphere.model.errors import InputError, UsageError
 from fullsphere.model.images import noted_ev, open_picture
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.workers import ordered_map
-from fullsphere.mosaic.bracket_exposures import Look, look_at, shift_between, step_between
+from fullsphere.mosaic.bracket_exposures import Look, look_at, pair_of, shift_between, step_between
+from fullsphere.mosaic.camera_response import Pair, fit_response
 from fullsphere.mosaic.loading import loader_of
 from fullsphere.mosaic.project import Bracket, Frame
 
@@ -31,6 +33,7 @@ _FEWEST = 50  # values that tell an exposure
 _AGREEING = 0.5  # of all values have to be of one thing
 _OFF_EV = 0.35  # by so much what the camera noted may be off without a word
 _PATTERN_EV = 0.5  # further from that of most positions the brackets are others
+_TELLING = 8  # positions by which the tone curve is found
 _SHIFTED_PX = 1.0
 
 _log = logging.getLogger(__name__)
@@ -106,7 +109,8 @@ def positions_of(
         return list(frames)
     check_count(len(frames), count)
     groups = [frames[k : k + count] for k in range(0, len(frames), count)]
-    made = ordered_map(executor, _position, groups, ahead=2)
+    position = functools.partial(_position, response_ev=_response(groups, executor))
+    made = ordered_map(executor, position, groups, ahead=2)
     found = list(progress(made, title="comparing brackets", total=len(groups)) if progress else made)
     _warn_of_other_patterns(found)
     return found
@@ -127,7 +131,8 @@ def described(frames: Sequence[Frame]) -> str:
     if not exposures:
         return ""
     often = f"{len(exposures)} position{'' if len(exposures) == 1 else 's'}"
-    return f"{often} of {len(exposures[0])} brackets: {_spelled(np.median(exposures, axis=0))} EV"
+    curve = ", and the camera's tone curve" if any(frame.response_ev for frame in frames) else ""
+    return f"{often} of {len(exposures[0])} brackets: {_spelled(np.median(exposures, axis=0))} EV{curve}"
 
 
 def _spelled(exposures_ev: FloatArray) -> str:
@@ -135,13 +140,36 @@ def _spelled(exposures_ev: FloatArray) -> str:
     return " ".join("0" if ev == 0 else f"{ev:+g}" for ev in rounded)
 
 
-def _position(frames: Sequence[Frame]) -> Frame:
+def _response(groups: Sequence[Sequence[Frame]], executor: Executor | None) -> tuple[float, ...]:
+    """The camera's tone curve, by some positions spread over the set; empty if it did not note all their exposures."""
+    some = [group for group in groups if not _unlike(group)]
+    some = some[:: max(1, -(-len(some) // _TELLING))]
+    if any(frame.told_ev is None for group in some for frame in group):
+        return ()
+    return fit_response([pair for pairs in ordered_map(executor, _pairs, some, ahead=2) for pair in pairs])
+
+
+def _pairs(frames: Sequence[Frame]) -> list[Pair]:
+    """What neighbours in exposure tell of the tone curve; nothing if one cannot be looked at."""
+    try:
+        looks = [look_at(Path(frame.image)) for frame in frames]
+    except InputError:  # which is said when it is merged
+        return []
+    found = []
+    for dark, bright in itertools.pairwise(_rising(looks)):
+        noted = _noted_step(frames[dark], frames[bright])
+        if noted is not None and noted > _SAME_EV:
+            found.append(pair_of(looks[dark], looks[bright], noted))
+    return found
+
+
+def _position(frames: Sequence[Frame], response_ev: tuple[float, ...]) -> Frame:
     """The frame of a position."""
     wrong = _unlike(frames)
     if wrong:
         return frames[0].left_out(wrong)
     try:
-        looks = [look_at(Path(frame.image)) for frame in frames]
+        looks = [look_at(Path(frame.image), response_ev) for frame in frames]
         exposures = _exposures(frames, looks)
     except InputError as error:
         return frames[0].left_out(f"cannot be merged: {error}")
@@ -152,7 +180,7 @@ def _position(frames: Sequence[Frame]) -> Frame:
     exposures = np.round(exposures - exposures[middle], 4) + 0.0
     _warn_of_shifts(frames, looks, exposures, middle)
     brackets = tuple(Bracket(f.image, f.sha256, float(ev)) for f, ev in zip(frames, exposures, strict=True))
-    frame = dataclasses.replace(frames[middle], brackets=brackets, profile=None)
+    frame = dataclasses.replace(frames[middle], brackets=brackets, response_ev=response_ev, profile=None)
     return dataclasses.replace(frame, load=loader_of(frame))
 
 
@@ -174,9 +202,8 @@ def _unlike(frames: Sequence[Frame]) -> str:
 
 def _exposures(frames: Sequence[Frame], looks: Sequence[Look]) -> FloatArray:
     """How much brighter each picture (n,) recorded the scene than some one; InputError if that cannot be told."""
-    rising = [int(k) for k in np.argsort([look.light.mean(dtype=float) for look in looks], kind="stable")]
     exposures = np.zeros(len(frames))
-    for dark, bright in itertools.pairwise(rising):
+    for dark, bright in itertools.pairwise(_rising(looks)):
         pair = _pair(frames, dark, bright)
         step, noted = step_between(looks[dark], looks[bright]), _noted_step(frames[dark], frames[bright])
         if step.values >= _FEWEST:
@@ -195,6 +222,11 @@ def _exposures(frames: Sequence[Frame], looks: Sequence[Look]) -> FloatArray:
                 f"{pair} have nothing in common that tells their exposures, and the camera did not note them"
             )
     return exposures
+
+
+def _rising(looks: Sequence[Look]) -> list[int]:
+    """Their places, from the darkest to the brightest."""
+    return [int(k) for k in np.argsort([look.light.mean(dtype=float) for look in looks], kind="stable")]
 
 
 def _noted_step(dark: Frame, bright: Frame) -> float | None:

@@ -41,10 +41,16 @@ def loader_of(frame: Frame, crop_px: Crop | None = None, turned: int = 0) -> Cal
     """What opens a part of the picture that a frame is, whether that is a file's own or merged of brackets."""
     if not frame.brackets:
         return loader(Path(frame.image), crop_px, turned)
-    return functools.partial(load_merged, frame.brackets, frame.image, crop_px, turned)
+    return functools.partial(load_merged, frame.brackets, frame.image, frame.response_ev, crop_px, turned)
 
 
-def load_merged(brackets: Sequence[Bracket], reference: str, crop_px: Crop | None = None, turned: int = 0) -> Picture:
+def load_merged(
+    brackets: Sequence[Bracket],
+    reference: str,
+    response_ev: Sequence[float] = (),
+    crop_px: Crop | None = None,
+    turned: int = 0,
+) -> Picture:
     """The light (h, w, c) of a frame that is merged of brackets, each of them read anew; see `merged_light`.
 
     Parameters
@@ -53,6 +59,8 @@ def load_merged(brackets: Sequence[Bracket], reference: str, crop_px: Crop | Non
         Their files.
     reference
         The image among them that shows things where they are.
+    response_ev
+        The camera's tone curve, as `merged_light` takes it.
     crop_px, turned
         As `loader` takes them.
 
@@ -77,7 +85,7 @@ def load_merged(brackets: Sequence[Bracket], reference: str, crop_px: Crop | Non
         return Exposed(codes, picture.profile)
 
     names = [bracket.image for bracket in brackets]
-    return merged_light([bracket.exposure_ev for bracket in brackets], names.index(reference), opened)
+    return merged_light([bracket.exposure_ev for bracket in brackets], names.index(reference), opened, response_ev)
 
 
 def _spelled(shape: tuple[int, ...]) -> str:

@@ -80,6 +80,9 @@ class Frame:
         Where the mask came from; empty for none.
     brackets
         What the picture is merged of, `image` among them; empty for a picture that is a file's own.
+    response_ev
+        The tone curve that the brackets' camera wrote instead of that of their profile (`camera_response`); empty for
+        none.
     """
 
     id: str
@@ -104,6 +107,7 @@ class Frame:
     mask: Callable[[], NDArray[np.uint8]] | None = dataclasses.field(default=None, repr=False, compare=False)
     mask_image: str = ""
     brackets: tuple[Bracket, ...] = ()
+    response_ev: tuple[float, ...] = ()
 
     @property
     def images(self) -> tuple[str, ...]:

@@ -88,11 +88,14 @@ def _of_brackets(frame: Frame, merged: Frame, name: str) -> Frame:
         frame,
         id=_named(frame, name),
         image=merged.image,
-        load=functools.partial(checked_light, merged.brackets, image, frame.size, frame.crop_px, frame.turned),
+        load=functools.partial(
+            checked_light, merged.brackets, image, merged.response_ev, frame.size, frame.crop_px, frame.turned
+        ),
         sha256=merged.sha256,
         told_ev=merged.told_ev,
         profile=None,
         brackets=merged.brackets,
+        response_ev=merged.response_ev,
     )
 
 
@@ -111,6 +114,7 @@ def _of_picture(frame: Frame, path: Path, name: str) -> Frame:
         told_ev=noted_ev(metadata),
         profile=functools.partial(picture_profile, path),
         brackets=(),
+        response_ev=(),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from fullsphere.model.files import sha256_of
 from fullsphere.model.images import picture_profile, picture_size
 from fullsphere.model.json_values import demand_keys, list_of, number_of, numbers_of, object_of, text_of, whole_of
 from fullsphere.model.lens import FloatArray
+from fullsphere.mosaic.camera_response import KNOTS, rises
 from fullsphere.mosaic.loading import Crop, load_merged, load_pixels
 from fullsphere.mosaic.masks import Mask, load_mask
 from fullsphere.mosaic.project import Bracket, Frame, Picture
@@ -25,7 +26,7 @@ _COMMON = (
     "id", "image", "sha256", "size_px", "shot", "crop_px", "camera", "turned", "quarter_turns", "mask",
     "exposure_ev", "white_balance", "status",
 )  # fmt: skip
-_OPTIONAL = ("brackets",)
+_OPTIONAL = ("brackets", "response_ev")
 _OF_BRACKET = ("image", "sha256", "exposure_ev")
 _ANGLES = ("yaw_deg", "pitch_deg", "roll_deg")
 _MAX_EV = 64.0
@@ -88,7 +89,12 @@ def checked_pixels(
 
 
 def checked_light(
-    brackets: Sequence[Bracket], path: Path, size: tuple[int, int], crop_px: Crop | None = None, turned: int = 0
+    brackets: Sequence[Bracket],
+    path: Path,
+    response_ev: Sequence[float],
+    size: tuple[int, int],
+    crop_px: Crop | None = None,
+    turned: int = 0,
 ) -> Picture:
     """The light (h, w, c) of a frame whose brackets have to be the ones that were registered; `path` is one of them.
 
@@ -97,7 +103,7 @@ def checked_light(
     InputError
         As `load_merged`, or if the frame has another size.
     """
-    return _of_size(load_merged(brackets, str(path), crop_px, turned), path, size)
+    return _of_size(load_merged(brackets, str(path), response_ev, crop_px, turned), path, size)
 
 
 def _of_size(pixels: Picture, path: Path, size: tuple[int, int]) -> Picture:
@@ -146,6 +152,8 @@ def _frame(frame: Frame, folder: Path) -> dict[str, Any]:
             }
             for bracket in frame.brackets
         ]
+    if frame.response_ev:
+        common["response_ev"] = list(frame.response_ev)
     if frame.camera_from_world is None or frame.reason:
         return {**common, "status": "left-out", "reason": frame.reason}
     return {
@@ -177,12 +185,15 @@ def _read(data: dict[str, Any], cameras: Sequence[Camera], where: str, folder: P
     turned = whole_of(data, "turned", where, 0, 3)
     _check_crop(crop, size, turned, where)
     shot, brackets = text_of(data, "shot", where), _brackets(data, image, sha256, where, folder)
-    load = functools.partial(checked_pixels, image, sha256, size, crop, turned)
+    response = _response(data, where)
+    load: Callable[[], Picture] = functools.partial(checked_pixels, image, sha256, size, crop, turned)
+    if brackets:
+        load = functools.partial(checked_light, brackets, image, response, size, crop, turned)
     return Frame(
         id=name,
         image=str(image),
         size=size,
-        load=functools.partial(checked_light, brackets, image, size, crop, turned) if brackets else load,
+        load=load,
         sha256=sha256,
         reason="" if registered else text_of(data, "reason", where),
         camera_from_world=_rotation(data, where) if registered else None,
@@ -198,6 +209,7 @@ def _read(data: dict[str, Any], cameras: Sequence[Camera], where: str, folder: P
         mask=None if mask is None else functools.partial(checked_mask, mask, image, name, crop, turned),
         mask_image="" if mask is None else str(mask),
         brackets=brackets,
+        response_ev=response,
     )
 
 
@@ -219,6 +231,17 @@ def _brackets(data: dict[str, Any], image: Path, sha256: str, where: str, folder
     if (str(image), sha256) not in [bracket[:2] for bracket in found]:
         raise InputError(f"{where}: image and sha256 are those of none of its brackets")
     return tuple(found)
+
+
+def _response(data: dict[str, Any], where: str) -> tuple[float, ...]:
+    if "response_ev" not in data:
+        return ()
+    if "brackets" not in data:
+        raise InputError(f"{where}: response_ev is about brackets, and the frame has none")
+    response = tuple(numbers_of(data, "response_ev", where, KNOTS))
+    if max(map(abs, response)) > _MAX_EV or not rises(response):
+        raise InputError(f"{where}: response_ev: the light does not rise from black to white by it")
+    return response
 
 
 def _rotation(data: dict[str, Any], where: str) -> FloatArray:

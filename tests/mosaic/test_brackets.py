@@ -137,7 +137,7 @@ def test_the_kernel_is_what_it_says() -> None:
     table, moved = decoding_table(np.uint8), rng.random((4, 5)).astype(np.float32)
     light, weight = rng.random((17, 23, 3)).astype(np.float32), rng.random((17, 23)).astype(np.float32)
     expected_light, expected_weight = slow_twin(codes, table, 2.5, 1e-6, moved, 5, light.copy(), weight.copy())
-    bracket_kernels.add_bracket(codes, table, 2.5, False, 1e-6, moved, 5, light, weight)
+    bracket_kernels.add_bracket(codes, table, 2.5, False, 1e-6, 0.8, 0.95, moved, 5, light, weight)
     np.testing.assert_allclose(weight, expected_weight, rtol=2e-5)
     np.testing.assert_allclose(light, expected_light, rtol=2e-5)
 
@@ -156,7 +156,7 @@ def slow_twin(
     v, u = ((np.arange(n) + 0.5) / factor - 0.5 for n in codes.shape[:2])
     rows = np.array([np.interp(u, np.arange(moved.shape[1]), row) for row in moved])
     other = np.array([np.interp(v, np.arange(moved.shape[0]), column) for column in rows.T]).T
-    s = np.clip((value.max(-1) - bracket_kernels.NEARLY) / (bracket_kernels.CLIPPED - bracket_kernels.NEARLY), 0, 1)
+    s = np.clip((value.max(-1) - 0.8) / 0.15, 0, 1)
     trust = np.maximum((1 - s * s * (3 - 2 * s)) * (1 - other), least)
     expected = exposure * light.max(-1) / weight
     much = exposure**2 / (expected + bracket_kernels.FLOOR) * trust
@@ -265,6 +265,62 @@ def test_a_mask_of_any_bracket_is_that_of_the_frame(taken: list[Path], tmp_path:
         assert frame.mask is not None and not frame.mask()[:, :50].any()
 
 
+def contrast(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """What a camera makes of sRGB codes to please: dark parts darker, bright parts brighter."""
+    share = codes / 255
+    return np.asarray(np.round(255 * (share - 0.05 * np.sin(2 * np.pi * share))), np.uint8)
+
+
+def shoulder(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """What a camera makes of light that it holds back: white is far above what its profile says."""
+    light = linear_from_encoded(codes)
+    return np.asarray(encoded_from_linear(1.6 * light / (0.6 + light), np.uint8))
+
+
+@pytest.fixture(scope="module", params=[contrast, shoulder])
+def pleasing(request: pytest.FixtureRequest, taken: list[Path], tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """The same brackets by a camera that writes another tone curve than its profile's."""
+    folder = tmp_path_factory.mktemp("pleasing")
+    return [
+        written(folder / path.name, request.param(read_picture(path).pixels), STEPS_EV[k % 3])
+        for k, path in enumerate(taken[:6])
+    ]
+
+
+def test_light_is_told_from_the_tone_curve_of_a_camera(
+    pleasing: list[Path], truth: NDArray[np.float32], caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        frames = open_frames(pleasing, brackets=3)
+    assert not caplog.messages
+    assert described(frames) == "2 positions of 3 brackets: -2 0 +2 EV, and the camera's tone curve"
+    assert frames[0].response_ev == frames[1].response_ev and len(frames[0].response_ev) == 11
+    light, seen = frames[0].load(), inside(0.95) & (truth.min(-1) > 0.004) & (truth.max(-1) < 2)
+    flat = merged([read_picture(path).pixels for path in pleasing[:3]])
+    off, uncorrected = (np.log2(found[seen] / truth[seen]) for found in (light, flat))
+    assert np.std(off) < 0.12
+    assert np.std(off) < 0.35 * np.std(uncorrected)
+    assert [one.exposure_ev for one in frames[0].brackets] == pytest.approx(STEPS_EV, abs=0.06)
+
+
+def test_pictures_that_obey_their_profile_have_no_response(taken: list[Path]) -> None:
+    assert [frame.response_ev for frame in open_frames(taken, brackets=3)] == [()] * 3
+
+
+def test_without_notes_a_tone_curve_is_not_known(pleasing: list[Path], tmp_path: Path) -> None:
+    plain = [written(tmp_path / path.name, read_picture(path).pixels) for path in pleasing]
+    assert [frame.response_ev for frame in open_frames(plain, brackets=3)] == [()] * 2
+
+
+def test_a_tone_curve_is_kept_with_the_mosaic(pleasing: list[Path], tmp_path: Path) -> None:
+    frames = open_frames(pleasing, brackets=3)
+    turned = [dataclasses.replace(frame, camera_from_world=turn) for frame, turn in zip(frames, ring(2), strict=True)]
+    save_mosaic(tmp_path / "mosaic.json", Mosaic((CAMERA,), tuple(turned), ()))
+    read = load_mosaic(tmp_path / "mosaic.json").frames[1]
+    assert read.response_ev == frames[1].response_ev
+    assert np.array_equal(read.load(), frames[1].load())
+
+
 @pytest.fixture
 def stored(taken: list[Path], tmp_path: Path) -> Path:
     copies = [tmp_path / path.name for path in taken[:6]]
@@ -314,6 +370,10 @@ def test_a_bracket_that_changed_or_went_is_refused(stored: Path) -> None:
             r"brackets\[2\]: image is that of another bracket",
         ),
         (lambda frame: frame.update(image="A_9.png"), "image and sha256 are those of none of its brackets"),
+        (lambda frame: frame.update(response_ev=[0.0] * 10), "response_ev is not a list of 11 numbers"),
+        (lambda frame: frame.update(response_ev=[0.0] * 10 + [-9.0]), "response_ev: the light does not rise"),
+        (lambda frame: frame.update(response_ev=[0.0] * 10 + [99.0]), "response_ev: the light does not rise"),
+        (lambda frame: [frame.update(response_ev=[0.0] * 11), frame.pop("brackets")], "response_ev is about brackets"),
         (lambda frame: frame.update(sha256=""), "image and sha256 are those of none of its brackets"),
     ],
 )
