@@ -78,9 +78,11 @@ def lines(path: Path, mosaic: Mosaic) -> list[str]:
 
 
 def quality_lines(mosaic: Mosaic) -> list[str]:
-    """How well the frames fit, and how the mosaic was levelled."""
-    quality = mosaic.quality
-    said = []
+    """What the frames are merged of, how well they fit, and how the mosaic was levelled."""
+    from fullsphere.mosaic.brackets import described
+
+    quality, merged = mosaic.quality, described(mosaic.frames)
+    said = [f"merged: {merged}"] if merged else []
     broken = sum(link.verdict == "parallax" for link in mosaic.links)
     parallax = f", {broken} of them with parallax" if broken else ""
     count = len(mosaic.links)

@@ -127,9 +127,10 @@ def check_count(pictures: int, count: int) -> None:
 
 def described(frames: Sequence[Frame]) -> str:
     """What was found of bracketed frames, in a line: "8 positions of 3 brackets: -2 0 +2 EV"."""
-    exposures = [[bracket.exposure_ev for bracket in frame.brackets] for frame in frames if frame.brackets]
-    if not exposures:
+    of_file = {frame.image: frame.brackets for frame in frames if frame.brackets}  # two circles may share one
+    if not of_file:
         return ""
+    exposures = [[bracket.exposure_ev for bracket in brackets] for brackets in of_file.values()]
     often = f"{len(exposures)} position{'' if len(exposures) == 1 else 's'}"
     curve = ", and the camera's tone curve" if any(frame.response_ev for frame in frames) else ""
     return f"{often} of {len(exposures[0])} brackets: {_spelled(np.median(exposures, axis=0))} EV{curve}"
