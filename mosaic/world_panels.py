@@ -55,7 +55,9 @@ class PanelScene:
     def seen_from(self, position: ArrayLike) -> PanelScene:
         """The same panels from another place (3,)."""
         x, y, z = np.asarray(position, float).tolist()
-        return dataclasses.replace(self, position=(x, y, z))
+        moved = dataclasses.replace(self, position=(x, y, z))
+        moved.__dict__["_atlas"] = self._atlas._replace(texel_from_ray=moved._homographies())  # textures stay the same
+        return moved
 
     def radiance(self, rays: ArrayLike) -> Light:
         """Linear light (..., 3) that arrives along world rays (..., 3) of any length; 0 for a NaN ray."""
@@ -79,6 +81,19 @@ class PanelScene:
         )
         return np.asarray(light, np.float32).reshape(-1, 3)[: len(flat)].reshape(given.shape)
 
+    def distance(self, rays: ArrayLike) -> FloatArray:
+        """How far along world rays (..., 3) the first panel is met (...), in lengths of the ray; infinite for none."""
+        given = np.asarray(rays, float)
+        nearest = np.zeros(given.shape[:-1])
+        for (width, height), homography in zip(self._atlas.sizes, self._atlas.texel_from_ray, strict=True):
+            u, v, near = np.moveaxis(given @ homography.T, -1, 0)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                inside = (near > 0) & (np.abs(u / near + 0.5 - width / 2) <= width / 2)
+                inside &= np.abs(v / near + 0.5 - height / 2) <= height / 2
+            nearest = np.where(inside, np.maximum(nearest, near), nearest)
+        with np.errstate(divide="ignore"):
+            return np.asarray(1 / nearest)
+
     @cached_property
     def _atlas(self) -> _Atlas:
         """Textures one below the other, the background below all of them."""
@@ -92,11 +107,15 @@ class PanelScene:
             picture[top : top + height, : padded.shape[1]] = padded
         return _Atlas(
             picture,
-            np.array([_texel_from_ray(p, np.asarray(self.position)) for p in self.panels]).reshape(-1, 3, 3),
+            self._homographies(),
             np.array([p.texture.shape[1::-1] for p in self.panels], float).reshape(-1, 2),
             np.stack([np.full(len(self.panels), float(_PAD)), tops[:-1] + float(_PAD)], -1),
             (1.5, tops[-1] + 1.5),
         )
+
+    def _homographies(self) -> FloatArray:
+        """Those of all panels (n, 3, 3)."""
+        return np.array([_texel_from_ray(p, np.asarray(self.position)) for p in self.panels]).reshape(-1, 3, 3)
 
 
 def _texel_from_ray(panel: Panel, position: FloatArray) -> FloatArray:
