@@ -22,6 +22,7 @@ from fullsphere.mosaic.circular_motion import Plane, Rays, ahead, plane_of, slop
 
 _YAW_SIGMA = math.radians(1.0)  # people aim the axis along the arm: only parallax tells how well they did
 _TILT_SIGMA = math.radians(20.0)
+_ANGLE_SIGMA = math.radians(100.0)  # holds groups of frames that nothing joins where they are
 _ROUNDS = 25
 _STEP = 1e-8  # radians: no angle moves by more any more
 _CAUCHY = 2.0  # of the spread: half of the weight
@@ -86,7 +87,7 @@ def fit_circle(
     Parameters
     ----------
     pairs
-        Matched frames that hold together.
+        Matched frames; a group of frames that is joined to no other stays about where it is.
     angles
         Where to begin (n,), radians; each pair must be right to a fraction of a degree.
     mount
@@ -95,17 +96,17 @@ def fit_circle(
         Leave them as they are.
     """
     n = len(angles)
-    angles, told = np.array(angles, float), mount_angles(mount)
+    start, told = np.array(angles, float), mount_angles(mount)
+    angles = start.copy()
     free = np.concatenate([np.full(n, not angles_known), np.full(3, not mount_known)])
     free[0] = False
     spread = 1.0
     for _ in range(_ROUNDS):
         normal, gradient, offs = _normal_equations(pairs, angles, told, spread)
         spread = max(_spread(offs), 1e-3)
-        prior = spread**2 / np.array([_YAW_SIGMA, _TILT_SIGMA, _TILT_SIGMA]) ** 2
-        where = np.arange(n, n + 3)
-        normal = normal + scipy.sparse.csc_array((prior, (where, where)), shape=normal.shape)
-        gradient[n:] += prior * told
+        prior = spread**2 / np.r_[np.full(n, _ANGLE_SIGMA), _YAW_SIGMA, _TILT_SIGMA, _TILT_SIGMA] ** 2
+        normal = normal + scipy.sparse.diags_array(prior, format="csc")
+        gradient += prior * np.r_[angles - start, told]
         if not free.any():
             break
         chosen = np.flatnonzero(free)
