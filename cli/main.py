@@ -28,6 +28,7 @@ COMMANDS = {
     "register": "find how the camera was turned for each frame of a panorama",
     "compose": "make the panorama of a mosaic.json that was registered",
     "stitch": "turn the frames of a rotating camera into a panorama of the whole sphere",
+    "omnistereo": "turn the frames of a camera on a turning arm into the 360 x 360 mosaic and a stereo panorama",
     "remap": "resample pictures or video frames from any projection to any other",
     "inspect": "say what a camera, mosaic, target or picture file holds, or how two cameras differ",
 }

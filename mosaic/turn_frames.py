@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fullsphere.model.errors import InputError, UsageError
+from fullsphere.model.errors import InputError
 from fullsphere.model.files import sha256_of
 from fullsphere.model.images import picture_profile, picture_size
 from fullsphere.model.lens import FloatArray
@@ -121,21 +121,3 @@ def _number(path: Path, line: int, word: str) -> float:
     if not math.isfinite(angle):
         raise InputError(f"{path}: line {line}: {word!r} is no angle in degrees")
     return angle
-
-
-def in_turn(frames: Sequence[Frame], angles: FloatArray) -> tuple[tuple[Frame, ...], FloatArray]:
-    """Frames and their angles sorted by angle within one turn, from 0 on.
-
-    Raises
-    ------
-    UsageError
-        If two frames have the same angle.
-    """
-    within = np.mod(angles, 2 * math.pi)
-    order = np.argsort(within, kind="stable")
-    within = within[order]
-    same = np.flatnonzero(np.diff(within) < 1e-9)
-    if len(same):
-        first, second = (frames[order[same[0] + k]].id for k in (0, 1))
-        raise UsageError(f"{first} and {second} have the same turn angle; leave one out")
-    return tuple(frames[k] for k in order), within

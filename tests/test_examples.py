@@ -16,6 +16,7 @@ SAYS = {
     "05_cylinder": "chi-square test passes",
     "06_half_cylinder": "chi-square test passes",
     "07_many_frames": "the same as without: True",
+    "08_omnistereo": "left eye: 33.",
 }
 
 

@@ -1,13 +1,12 @@
-import math
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from fullsphere.model.errors import InputError, UsageError
+from fullsphere.model.errors import InputError
 from fullsphere.mosaic.project import Frame
-from fullsphere.mosaic.turn_frames import even_angles, in_turn, open_turn, read_angles
+from fullsphere.mosaic.turn_frames import even_angles, open_turn, read_angles
 
 
 def frames(count: int) -> list[Frame]:
@@ -53,17 +52,6 @@ def test_angles_are_read_by_name_or_in_order(tmp_path: Path) -> None:
 def test_angles_that_cannot_be_used_are_refused_with_their_line(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
         read_angles(told(tmp_path, text), frames(2))
-
-
-def test_frames_are_put_in_the_order_of_their_angles() -> None:
-    ordered, angles = in_turn(frames(3), np.radians([350, -5, 10]))
-    assert [frame.id for frame in ordered] == ["f2.png", "f0.png", "f1.png"]
-    np.testing.assert_allclose(angles, np.radians([10, 350, 355]))
-
-
-def test_one_angle_for_two_frames_is_refused() -> None:
-    with pytest.raises(UsageError, match=r"f0\.png and f2\.png"):
-        in_turn(frames(3), np.array([0.5, 1, 0.5 + 2 * math.pi]))
 
 
 def test_only_pictures_of_the_cameras_size_are_taken(tmp_path: Path) -> None:
