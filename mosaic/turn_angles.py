@@ -32,7 +32,8 @@ from fullsphere.mosaic.turn_diagnosis import (
     standing_still,
     surplus,
 )
-from fullsphere.mosaic.turn_solve import LEAST_FRAMES, Pairs, Progress, quality_of, solve
+from fullsphere.mosaic.turn_frames import LEAST_FRAMES
+from fullsphere.mosaic.turn_solve import Pairs, Progress, quality_of, solve
 from fullsphere.mosaic.turn_told import told_turn
 from fullsphere.mosaic.turn_views import View, keypoints_for, view
 

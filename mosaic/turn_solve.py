@@ -16,10 +16,8 @@ from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.arm import mount_of
 from fullsphere.mosaic.circular_fit import CircularFit, fit_circle
 from fullsphere.mosaic.turn_chain import averaged, neighbours_in, pairs_by_angle, placed
+from fullsphere.mosaic.turn_frames import LEAST_FRAMES
 from fullsphere.mosaic.turn_views import FoundPair, View, pair_of
-
-LEAST_FRAMES = 8
-"""Fewer frames make no full turn: they lie 45 degrees and more apart."""
 
 ROUGH, FINE = 40.0, 12.0
 """Times its noise that a match may be off, before the mount is known and then."""

@@ -16,7 +16,8 @@ from fullsphere.mosaic.arm import ArmTurn, mount_angles
 from fullsphere.mosaic.circular_fit import fit_circle
 from fullsphere.mosaic.project import Frame
 from fullsphere.mosaic.turn_diagnosis import about_mount, names, refuse_part, refuse_without_stereo
-from fullsphere.mosaic.turn_solve import FINE, LEAST_FRAMES, ROUGH, Pairs, base_mount, quality_of
+from fullsphere.mosaic.turn_frames import LEAST_FRAMES
+from fullsphere.mosaic.turn_solve import FINE, ROUGH, Pairs, base_mount, quality_of
 from fullsphere.mosaic.turn_views import FoundPair, View
 
 _ANCHORS, _ANCHORS_OF_STRAIGHT = 24, 8  # frames, spread over the turn, with partners
@@ -25,6 +26,8 @@ _CONTRARY = 0.03  # share of the turn between two frames by which they may turn 
 _LEAST_OFF = math.radians(1.0)  # by which a pair may, whatever it turns
 _GROSS, _LEAST_GROSS = 0.25, math.radians(5)  # the same of a pair that is another one than told
 _MOST_GROSS = 0.05  # share of pairs
+_FEW = 0.2  # share of pairs
+_NOT_STRAIGHT = math.radians(0.2)
 _UNEXACT = math.radians(0.03)  # told where angles are off by more
 
 See = Callable[[Sequence[int]], dict[int, View]]
@@ -76,10 +79,13 @@ def told_turn(
     base = base_mount(pairs.look, proposed, frames[0].quarter_turns)
     pairs.found.clear()
     rough = pairs.look(proposed, base, ROUGH)
-    mount = base if straight or not rough else _mount_by(rough, base)
+    mount = _mount_by(rough, base) if rough else base
     found = pairs.look(proposed, mount, FINE)
     unexact = _check(found, len(proposed), within, ids)
     matched = [one.matched for one in found]
+    if straight:
+        unexact += _not_straight(mount_angles(base.T @ mount))
+        mount = base
     fit = fit_circle(matched, within, mount, angles_known=True, mount_known=straight)
     share = refuse_without_stereo(found, fit)
     return ArmTurn(
@@ -112,6 +118,16 @@ def _mount_by(found: Sequence[FoundPair], base: FloatArray) -> FloatArray:
     return fit_circle(apart, np.array([[0, one.turn] for one in found]).ravel(), base).mount
 
 
+def _not_straight(told: FloatArray) -> list[str]:
+    """What is to be said of a camera that was told to be straight, and whose yaw, pitch and roll are these (3,)."""
+    if np.abs(told[1:]).max() < _NOT_STRAIGHT:
+        return []
+    pitch, roll = np.degrees(told[1:])
+    return [
+        f"the camera is not straight on its arm (pitch {pitch:.2f}, roll {roll:.2f} degrees); --mount auto corrects it"
+    ]
+
+
 def _check(found: Sequence[FoundPair], proposed: int, within: FloatArray, ids: Sequence[str]) -> list[str]:
     """What is to be said of angles told (n,), by the turns of pairs.
 
@@ -134,7 +150,7 @@ def _check(found: Sequence[FoundPair], proposed: int, within: FloatArray, ids: S
             "the frames turn the other way than the angles told; give the other direction, or angles of the other sign"
         )
     wrong, gross = _contrary(turned, told), _contrary(turned, told, _GROSS, _LEAST_GROSS)
-    if abs(share - 1) > _CONTRARY and _contrary(turned / share, told).mean() < 0.5:
+    if abs(share - 1) > _CONTRARY and _contrary(turned / share, told, _GROSS, _LEAST_GROSS).mean() < _FEW:
         raise GeometryError(
             f"the frames turn by {share:.3f} of the angles told: instead of a full turn they cover about "
             f"{360 * share:.0f} degrees; try --angles auto"

@@ -200,7 +200,16 @@ def test_the_mount_is_found_with_angles_told(uneven: tuple[Floats, list[View]]) 
 
 
 def test_a_straight_camera_stays_straight(even: list[View]) -> None:
-    assert (told(even, EVEN, straight=True).mount == np.eye(3)).all()
+    turn = told(even, EVEN, straight=True)
+    assert (turn.mount == np.eye(3)).all()
+    assert not turn.diagnosis
+
+
+def test_a_camera_told_to_be_straight_that_is_not_is_told_of(uneven: tuple[Floats, list[View]]) -> None:
+    angles, views = uneven
+    turn = told(views, angles, straight=True)
+    assert (turn.mount == np.eye(3)).all()
+    assert "pitch 0.80, roll 0.60" in turn.diagnosis[0]
 
 
 def test_angles_told_the_other_way_are_refused(even: list[View]) -> None:
