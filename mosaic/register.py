@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import Any
 
@@ -16,6 +16,7 @@ from fullsphere.mosaic import self_calibration
 from fullsphere.mosaic.adjust import Known
 from fullsphere.mosaic.allowed import allowed_pixels
 from fullsphere.mosaic.candidates import near_pairs
+from fullsphere.mosaic.conformal import is_wide
 from fullsphere.mosaic.copies import copies
 from fullsphere.mosaic.diagnosis import diagnose, of_wrong_lens
 from fullsphere.mosaic.features import Features, find_features
@@ -34,6 +35,7 @@ from fullsphere.mosaic.wrong_lens import wrong_lens
 _NEIGHBOURS = 6  # of each frame that are matched in the end, by where they look
 _KEYPOINTS = 24_000  # of all frames together: few frames may have their fill of them
 _MOST, _LEAST = 6000, 2500  # of one frame
+_FEW = 60  # frames: of more a lost one is not worth looking at all of them again
 
 
 def no_progress(items: Iterable[Any], title: str = "", total: int | None = None) -> Iterable[Any]:
@@ -104,6 +106,8 @@ def register(
         solution = solve(evidence)
     except GeometryError as error:
         raise _because_of_the_lens(error, evidence, given, rig, executor) from error
+    if given is None:
+        evidence, solution = _looked_again(frames, evidence, solution, settle, options.order, executor, progress)
     pairs = near_pairs({int(k): solution.adjustment.rotations[k] for k in solution.group}, _NEIGHBOURS)
     if not evidence.matches.keys() >= set(pairs):  # frames that follow one another late see the same early ones again
         evidence = matched(evidence, pairs, executor, progress)
@@ -152,7 +156,8 @@ def _observed(
         try:
             picture = frame.load()
             camera = given[frame.camera] if given is not None else None
-            return find_features(picture, allowed_pixels(frame, picture, camera, circles[frame.camera]), most, camera)
+            circle = None if camera else circles[frame.camera]
+            return find_features(picture, allowed_pixels(frame, picture, camera, circle), most, camera)
         except InputError as error:
             return str(error)
 
@@ -164,6 +169,31 @@ def _observed(
     priors = {k: prior for k in features if (prior := frames[k].prior) is not None}
     evidence = gather_evidence(features, executor, progress, order, priors)
     return left, dataclasses.replace(evidence, camera_of={k: frames[k].camera for k in features})
+
+
+def _looked_again(
+    frames: Sequence[Frame],
+    evidence: Evidence,
+    solution: Solution,
+    settle: Callable[[Evidence, Sequence[Camera]], Solution],
+    order: Order,
+    executor: Executor | None,
+    progress: Progress,
+) -> tuple[Evidence, Solution]:
+    """The same with more frames, if some were lost that the lens that was found brings back.
+
+    Far from the axis of a wide lens pictures are bent too much to be matched; seen through the lens they are not.
+    """
+    cameras = solution.adjustment.cameras
+    lost = evidence.features.keys() - {int(k) for k in solution.group}
+    if not lost or len(evidence.features) > _FEW or not any(is_wide(camera) for camera in cameras):
+        return evidence, solution
+    closer = _observed(frames, sorted(evidence.features), cameras, (), order, executor, progress)[1]
+    try:
+        again = settle(closer, cameras)
+    except GeometryError:
+        return evidence, solution
+    return (closer, again) if len(again.group) > len(solution.group) else (evidence, solution)
 
 
 def _starts(of_camera: Sequence[Sequence[Frame]], circles: Sequence[ImageCircle | None]) -> list[list[Camera]]:
