@@ -18,8 +18,9 @@ from fullsphere.model.lens import FloatArray
 from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.turn_reader import Seen, TurnReader
 
-_COLUMNS = 3  # that are compared
+_COLUMNS = 5  # that are compared
 _DARK, _BRIGHT = 0.004, 0.9  # linear light: beyond them a pixel says nothing of the brightness
+_CUT = 0.3  # of the ratios at either end: near things, edges, noise
 _LEAST_SHARED = 50  # pixels: fewer tell nothing
 _PRIOR = 1e-6  # of each frame, beside ratios of weight 1: only the mean is held by it
 
@@ -65,13 +66,18 @@ def _brighter(first: _Shown, second: _Shown) -> FloatArray:
 
 
 def _ratio(first: Seen, second: Seen, rows: NDArray[np.bool_]) -> FloatArray:
-    """The median ratio (3,) in EV of what two frames saw in some rows (H,)."""
+    """The ratio (3,) in EV of what two frames saw in some rows (H,).
+
+    The mean of the middle ratios: the median would be one of the few that codes of 8 bits have.
+    """
     usable = (first.worth > 0) & (second.worth > 0) & rows[:, None]
     for seen in (first, second):
         usable &= (seen.light.min(-1) > _DARK) & (seen.light.max(-1) < _BRIGHT)
     if np.count_nonzero(usable) < _LEAST_SHARED:
         return np.full(3, np.nan)
-    return np.asarray(np.median(np.log2(second.light[usable] / first.light[usable]), axis=0))
+    ratios = np.sort(np.log2(second.light[usable] / first.light[usable]), axis=0)
+    cut = int(_CUT * len(ratios))
+    return np.asarray(ratios[cut : len(ratios) - cut].mean(0))
 
 
 def _levels(brighter: FloatArray) -> FloatArray:

@@ -1,5 +1,6 @@
 """The 360 x 360 mosaic of a turn whose frames, angles and world are known: here a sphere of colours, far or near."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -124,6 +125,16 @@ def test_flicker_is_evened_out() -> None:
     level = np.median(light / truth(math.inf))
     assert level == pytest.approx(2**-0.4, rel=0.02)
     assert np.abs(light / level - truth(math.inf)).max() < 0.03
+
+
+def test_flicker_of_less_than_a_code_is_found() -> None:
+    ev = np.random.default_rng(6).normal(0, 0.01, 48)
+    turn = photographed(EVEN, np.eye(3), math.inf, ev)
+    frames = [dataclasses.replace(f, load=lambda f=f: (f.load() >> 8).astype(np.uint8)) for f in turn.frames]  # type: ignore[misc]
+    coarse = dataclasses.replace(turn, frames=tuple(frames))
+    gains = even_light(TurnReader(coarse, opened(coarse), Mosaic360((WIDTH, WIDTH)), None))
+    off = -np.log2(gains).mean(1) - (ev - ev.mean())
+    assert off.std() < 0.004
 
 
 def test_frames_that_are_not_kept_are_opened_again_and_give_the_same() -> None:
