@@ -93,7 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser, width: str) -> None:
     surface.add_argument(
         "--preview",
         action="store_true",
-        help=f"a quick look: the whole sphere {PREVIEW_PX} pixels wide (less for many frames), frames mixed softly",
+        help=f"a quick look: the sphere {PREVIEW_PX} pixels wide (less for many or small frames), frames mixed softly",
     )
     group.add_argument(
         "--exposure",

@@ -43,7 +43,7 @@ def shared_out(
     """
     frames = mosaic.registered
     pixels = [frame.size[0] * frame.size[1] * (_OF_LIGHT if frame.brackets else 1) for frame in frames]
-    sphere = working_sphere(len(frames)).size
+    sphere = working_sphere(mosaic).size
     planning = len(frames) * sphere[0] * sphere[1] * _PER_PLACE
     opened = max(pixels) * 4 * _WHILE_OPENED * min(threads, len(frames))
     row = size[0] * 4 * np.dtype(dtype).itemsize

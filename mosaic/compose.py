@@ -62,7 +62,7 @@ def plan(
     "multiband" has seams where frames agree and mixes in many bands; "feather" mixes all frames softly, and is quick.
     Frames that were looked at before on `working_sphere` may be given as they were `seen`.
     """
-    sphere = working_sphere(len(mosaic.registered))
+    sphere = working_sphere(mosaic)
     seen = overviews(mosaic, sphere, executor) if seen is None else seen
     if blend == "feather":
         return feathered(seen, sphere)

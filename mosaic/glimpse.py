@@ -23,7 +23,7 @@ class Glimpse(NamedTuple):
 def glimpse(mosaic: Mosaic, exposure: Exposure, executor: Executor | None = None) -> Glimpse:
     """All frames together, each weighted by how well it sees; raises as `planned` does."""
     mosaic = compensated(mosaic, exposure)
-    seen = overviews(mosaic, working_sphere(len(mosaic.registered)), executor)
+    seen = overviews(mosaic, working_sphere(mosaic), executor)
     brighter = reference_ev(mosaic, exposure, seen)
     height, width = seen[0].quality.shape
     picture = np.zeros((height, width, 4), np.float32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from typing import NamedTuple
 
@@ -69,10 +69,12 @@ class Reduced(NamedTuple):
     factor: int
 
 
-def working_sphere(frames: int) -> Equirectangular:
-    """The working sphere of so many frames: smaller for many, so that memory is bounded."""
+def working_sphere(mosaic: Mosaic) -> Equirectangular:
+    """The working sphere of the registered frames: no finer than they are, and smaller for many, to bound memory."""
+    frames = len(mosaic.registered)
+    resolved = 2 * math.pi * _finest([mosaic.cameras[frame.camera] for frame in mosaic.registered])
     width = _LARGEST
-    while width > _SMALLEST and frames * width * width // 2 * 16 > _BYTES:
+    while width > _SMALLEST and (width > resolved or frames * width * width // 2 * 16 > _BYTES):
         width //= 2
     return Equirectangular((width, width // 2))
 
@@ -84,7 +86,7 @@ def overviews(
 
     Each is read aside by its shift, if there are any.
     """
-    finest = max(float(_density(camera, np.linspace(0, camera.half_fov, 200)).max()) for camera in mosaic.cameras)
+    finest = _finest(mosaic.cameras)
     profile = common_profile(mosaic.registered)
 
     def made(each: tuple[Frame, Shift | None]) -> Overview:
@@ -151,6 +153,11 @@ def _density(camera: Camera, theta: FloatArray) -> FloatArray:
     """Pixels per radian at theta: the root of those per solid angle, r r'/sin(theta)."""
     safe = np.maximum(theta, 1e-6)
     return np.sqrt(np.maximum(camera.lens.radius(safe) * camera.lens.slope(safe) / np.sin(safe), 0) * camera.aspect)
+
+
+def _finest(cameras: Iterable[Camera]) -> float:
+    """The most pixels per radian anywhere in the fields of view."""
+    return max(float(_density(camera, np.linspace(0, camera.half_fov, 200)).max()) for camera in cameras)
 
 
 def reduced_frame(frame: Frame, camera: Camera, factor: int, profile: Profile = SRGB) -> Reduced:

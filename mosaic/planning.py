@@ -54,7 +54,7 @@ def planned(
         If a frame cannot be read.
     """
     mosaic = compensated(mosaic, exposure)
-    sphere = working_sphere(len(mosaic.registered))
+    sphere = working_sphere(mosaic)
     seen = overviews(mosaic, sphere, executor)
     brighter = reference_ev(mosaic, exposure, seen)
     notes: list[str] = []

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from turning import frames_of, orientation
 
+from fullsphere.model.surface import Equirectangular
 from fullsphere.mosaic.agreement import agreement
-from fullsphere.mosaic.overview import overviews, working_sphere
+from fullsphere.mosaic.overview import overviews
 from fullsphere.mosaic.project import Mosaic
 from laws import fisheye, smooth_light, smooth_panorama
 
 CAMERA = fisheye(200)
 ROTATIONS = np.array([orientation(yaw) for yaw in (0, 120, 240)])
-SPHERE = working_sphere(400)
+SPHERE = Equirectangular((256, 128))
 
 
 def mosaic_of(told: float) -> Mosaic:

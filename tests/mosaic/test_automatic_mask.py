@@ -40,7 +40,7 @@ def shod() -> Mosaic:
 
 
 def test_shoes_are_hidden_and_only_they(shod: Mosaic) -> None:
-    hidden = without_turning_things(shod, overviews(shod, working_sphere(6)))
+    hidden = without_turning_things(shod, overviews(shod, working_sphere(shod)))
     assert 0.015 < hidden.share[0] < 0.08
     for frame in hidden.mosaic.registered:
         assert frame.mask is not None
@@ -63,6 +63,6 @@ def test_the_panorama_shows_what_is_behind_them(shod: Mosaic) -> None:
 
 def test_where_nothing_turns_nothing_is_hidden() -> None:
     mosaic = Mosaic((CAMERA,), tuple(frames_of(scene, CAMERA, ROTATIONS, lambda k, light: srgb8(light))), ())
-    hidden = without_turning_things(mosaic, overviews(mosaic, working_sphere(6)))
+    hidden = without_turning_things(mosaic, overviews(mosaic, working_sphere(mosaic)))
     assert hidden.share == (0.0,)
     assert hidden.mosaic is mosaic

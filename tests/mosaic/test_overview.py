@@ -86,11 +86,22 @@ def test_what_a_mask_hides_is_not_seen() -> None:
     assert overview.light.max() < 2
 
 
-def test_many_frames_have_a_smaller_sphere_and_threads_change_nothing() -> None:
-    widths = [working_sphere(count).size[0] for count in (1, 8, 40, 120, 400)]
+def test_the_sphere_is_no_finer_than_frames_are_and_smaller_for_many() -> None:
+    frame = frames_of(smooth_light, CAMERA, ring(1))[0]
+
+    def width(side: int, count: int = 1) -> int:
+        return working_sphere(Mosaic((fisheye(side),), count * (frame,), ())).size[0]
+
+    widths = [width(2000, count) for count in (1, 8, 40, 120, 400)]
     assert widths == sorted(widths, reverse=True)
     assert widths[0] == 1024
     assert widths[-1] == 256
+    assert [width(side) for side in (50, 100, 200, 400)] == [256, 256, 512, 1024]
+    finest_counts = Mosaic((fisheye(100), fisheye(400)), (frame, dataclasses.replace(frame, camera=1)), ())
+    assert working_sphere(finest_counts).size == (1024, 512)
+
+
+def test_threads_change_nothing() -> None:
     mosaic = Mosaic((CAMERA,), tuple(frames_of(smooth_light, CAMERA, ring(3))), ())
     with thread_pool(3) as pool:
         together = overviews(mosaic, SPHERE, pool)
