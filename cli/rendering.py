@@ -252,9 +252,9 @@ def _light(rows: NDArray[Any], own: Profile, dtype: np.dtype[Any]) -> NDArray[An
     """Linear light (h, w, 4) of a colour space in the primaries of sRGB, which files of floats are in."""
     import numpy as np
 
-    to_srgb = own.srgb_from_own.T.astype(np.float32)
-    if not np.array_equal(to_srgb, np.eye(3)):
-        rows[..., :3] = rows[..., :3] @ to_srgb
+    from fullsphere.mosaic.frame_colour import srgb_light
+
+    rows[..., :3] = srgb_light(rows[..., :3], own)
     if dtype == np.float16:
         np.clip(rows, -_LARGEST_HALF, _LARGEST_HALF, out=rows)
     return rows.astype(dtype, copy=False)
