@@ -17,7 +17,7 @@ from fullsphere.mosaic.turn_views import FoundPair
 _HOLE, _HOLE_STEPS = math.radians(15), 3.0  # between frames, or even steps: more is no full turn
 _MISSING = 1.8  # median gaps
 _UNEVEN = 5.0  # standard deviations of gaps
-_STILL = 0.02  # median gaps
+_STILL, _STILL_AT_MOST = 0.02, 0.25  # even steps, whatever the noise of angles
 _NEARLY = 0.2  # median gaps: so near the first frame a last one tells nothing new
 _IN_ORDER = 0.8  # share of steps that go forward, in frames of which some may be too many
 _SIGMAS = 3.0
@@ -67,16 +67,19 @@ def missing_frames(within: FloatArray, ids: Sequence[str]) -> list[str]:
 def standing_still(angles: FloatArray, sigmas: FloatArray, kept: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Which of the frames `kept` (m,) show the arm where an earlier one (m,) does: no turn that could be told."""
     order = kept[np.argsort(np.mod(angles[kept], 2 * np.pi), kind="stable")]
-    gaps = np.diff(np.mod(angles[order], 2 * np.pi))
-    least = np.minimum(_SIGMAS * np.hypot(sigmas[order][:-1], sigmas[order][1:]), np.median(gaps) / 4)
-    close = gaps < np.maximum(_STILL * np.median(gaps[gaps > least] if (gaps > least).any() else gaps), least)
+    around = np.diff(np.mod(angles[order], 2 * np.pi), append=np.mod(angles[order[0]], 2 * np.pi) + 2 * np.pi)
+    order = np.roll(order, -1 - int(around.argmax()))  # no place where the arm stood is cut in two
+    gone = np.concatenate([[0], np.cumsum(np.mod(np.diff(angles[order]), 2 * np.pi))])
+    even = 2 * np.pi / len(kept)
     still = np.zeros(len(angles), bool)
-    first = order[0]
-    for k, same in zip(order[1:], close, strict=True):
-        if same:
+    begin, first = 0, int(order[0])
+    for place in range(1, len(order)):
+        k = int(order[place])
+        noise = _SIGMAS * math.hypot(sigmas[order[begin]], sigmas[k])
+        if gone[place] - gone[begin] < min(max(noise, _STILL * even), _STILL_AT_MOST * even):
             still[max(first, k)], first = True, min(first, k)
         else:
-            first = k
+            begin, first = place, k
     return still[kept]
 
 

@@ -42,12 +42,13 @@ class Pairs:
     def look(
         self, pairs: Iterable[tuple[int, int]], mount: FloatArray, tolerance: float, title: str = "matching"
     ) -> list[FoundPair]:
-        """Compare pairs; what is found of them is kept, and answered."""
+        """Compare pairs; what is found of them is kept, and answered.  Without a title no progress is shown."""
         listed = list(pairs)
         results = ordered_map(
             self._executor, lambda pair: pair_of(self._views, *pair, mount, tolerance), listed, ahead=16
         )
-        new = [one for one in self._progress(results, title=title, total=len(listed)) if one is not None]
+        shown = self._progress(results, title=title, total=len(listed)) if title else results
+        new = [one for one in shown if one is not None]
         self.found.update({one.ends: one for one in new})
         return new
 
@@ -132,7 +133,7 @@ def base_mount(
     some = following[:: max(1, len(following) // _TRIED)]
     upright, aside = (mount_of(0, 0, math.pi / 2 * (quarter_turns + k)) for k in (0, 1))
     agree = [
-        sum(len(one.matched.held) for one in look(some, mount, ROUGH, "trying mounts"))
+        sum(len(one.matched.held) for one in look(some, mount, ROUGH, ""))
         for mount in (upright, aside, mount_of(math.pi, 0, 0) @ upright)
     ]
     if agree[2] > _CLEARLY * max(agree[:2]):

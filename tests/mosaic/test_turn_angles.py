@@ -147,6 +147,13 @@ def test_where_the_arm_stood_still_frames_are_left_out(even: list[View]) -> None
     assert "stood still" in turn.diagnosis[0]
 
 
+def test_an_arm_may_stop_for_many_frames() -> None:
+    turn = solved(views_at(np.repeat(EVEN[::2], 3)))
+    assert [one.id for one in turn.frames] == [frame(k).id for k in range(0, 36, 3)]
+    assert "stood still" in turn.diagnosis[0]
+    assert len(turn.diagnosis) == 1
+
+
 def test_frames_of_another_place_are_left_out_by_name(even: list[View]) -> None:
     random = np.random.default_rng(3)
     views = list(even)
