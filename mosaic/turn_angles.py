@@ -135,7 +135,7 @@ def turn_of_views(
     moved = out_of_order(within, forward)
     if len(moved):
         which = names([ids[kept[k]] for k in moved])
-        said.append(f"{len(moved)} frames are not in the order of turning and were sorted: {which}")
+        said.append(f"frames are not in the order of turning, {len(moved)} of them were sorted in: {which}")
     order = np.argsort(within, kind="stable")
     chosen, within = kept[order], within[order]
     sorted_ids = [ids[k] for k in chosen]
