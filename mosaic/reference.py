@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fullsphere.model.colour import largest_channel
 from fullsphere.model.errors import UsageError
 from fullsphere.model.surface import Equirectangular
 from fullsphere.mosaic.frame_light import gain_of
@@ -111,11 +112,11 @@ def _highlights(mosaic: Mosaic, overviews: Sequence[Overview]) -> tuple[NDArray[
     for frame, seen in zip(mosaic.registered, overviews, strict=True):
         assert frame.camera_from_world is not None
         z = rays @ frame.camera_from_world[2].astype(np.float32)
-        recorded = (seen.light / gain_of(mosaic, frame).at(z)).max(-1)
+        recorded = largest_channel(seen.light / gain_of(mosaic, frame).at(z))
         limit = _TRUSTED if recorded.max() <= _LIGHT else math.inf
         better = (seen.quality > best) & (recorded < limit)
         best[better] = seen.quality[better]
-        brightest[better] = seen.light.max(-1)[better]
+        brightest[better] = largest_channel(seen.light)[better]
     return brightest, best > 0
 
 

@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fullsphere.model.colour import largest_channel
 from fullsphere.model.surface import Equirectangular
 from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.blend import Bands, MultiBand, filled
@@ -152,7 +153,7 @@ def _alike(differs: NDArray[np.float32], both: NDArray[np.bool_]) -> NDArray[np.
     latitude = latitudes(len(both))[np.nonzero(both)[0]]
     even = np.random.default_rng(0).random(latitude.size) < np.cos(latitude)  # each direction as likely as any other
     usual = np.median(differs[both][even], axis=0) if even.any() else np.zeros(3)
-    alike: NDArray[np.bool_] = both & (np.abs(differs - usual).max(-1) < _UNLIKE)
+    alike: NDArray[np.bool_] = both & (largest_channel(np.abs(differs - usual)) < _UNLIKE)
     return alike
 
 
