@@ -142,7 +142,9 @@ def _max_flow(terminal: np.ndarray, residual: np.ndarray, neighbours: np.ndarray
         if mine == _SOURCE:
             amount, lost = _augment(p, met, terminal, residual, neighbours, parent, orphans)
         else:
-            amount, lost = _augment(neighbours[p, met], met ^ 1, terminal, residual, neighbours, parent, orphans)
+            amount, lost = _augment(
+                np.int64(neighbours[p, met]), met ^ 1, terminal, residual, neighbours, parent, orphans
+            )
         sent += amount
         waits[p] = True  # it goes on being looked at, so nobody need queue it
         taken, put = 0, lost

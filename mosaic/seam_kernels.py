@@ -80,7 +80,7 @@ def expansion(
     capacity = np.zeros((n, 4), np.int32)
     for i in range(n):
         y, x = pixels[i] // width, pixels[i] % width
-        mine = owner[y, x]
+        mine = np.int64(owner[y, x])  # of one type with alpha: one version of what is called
         terminal[i] += _cost(quality, penalty, area, loss, alpha, y, x) - _cost(
             quality, penalty, area, loss, mine, y, x
         )
@@ -97,7 +97,7 @@ def expansion(
                 yy, length = y - 1, across[max(y - 1, 0)]
             if yy < 0 or yy >= height:
                 continue
-            other, j = owner[yy, xx], neighbours[i, d]
+            other, j = np.int64(owner[yy, xx]), neighbours[i, d]
             if other < 0 or (
                 j >= 0 and (d == 1 or d == 3)
             ):  # between two that may change: once, from the left or above
