@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import CameraError, GeometryError
 from fullsphere.model.lens import FloatArray, angle_of_radius
+from fullsphere.mosaic.lens_step import lens_moved
 from fullsphere.mosaic.match_errors import MatchArrays, match_errors, opened_camera
 from fullsphere.mosaic.project import Link
 from fullsphere.mosaic.rig import Poses, Rig, poses_of
@@ -27,6 +28,7 @@ from fullsphere.mosaic.uncertainty import Scores, Uncertainty, neighbourhoods, u
 from fullsphere.mosaic.unknowns import Unknowns, free_columns
 
 _MAX_STEPS = 60
+_NOTHING = 0.01  # variances of a keypoint: who gains less moves by less than a tenth of a standard deviation
 _UNDETERMINED = 1e-10  # eigenvalue of the rotations' unit-diagonal Hessian: matches within a thousandth of a degree
 _WIDEST = math.radians(140)  # half field of view that a camera may grow to while its lens is being found
 
@@ -165,17 +167,23 @@ def adjust(
 
 
 def _descend(problem: _Problem, state: _State, tolerance: float) -> _State:
-    damping = 1e-4
+    damping, growth = 1e-4, 2.0
     for _ in range(_MAX_STEPS):
-        following = _moved(problem, state, _damped_step(state, damping))
+        step = _damped_step(state, damping)
+        following = _moved(problem, state, step)
         if following is None or not following.cost < state.cost:
-            damping *= 10
+            damping, growth = damping * growth, 2 * growth
             if damping > 1e8:
                 break
             continue
-        gain = (state.cost - following.cost) / state.cost
-        state, damping = following, max(damping / 10, 1e-12)
-        if gain < tolerance:
+        fall = state.cost - following.cost
+        # How well the fall was foretold says how the damping goes on (Nielsen, IMM-REP-1999-05, DTU, 1999).
+        foretold = float(step @ (damping * np.diag(state.hessian) * step - state.gradient))
+        variance = min(problem.scale, spread_px(following.residuals)) ** 2
+        ended = fall < max(tolerance * state.cost, _NOTHING * variance)
+        state, growth = following, 2.0
+        damping = max(damping * max(0.1, 1 - (2 * fall / foretold - 1) ** 3), 1e-12)
+        if ended:
             break
     return state
 
@@ -271,11 +279,15 @@ def _moved(problem: _Problem, state: _State, step: FloatArray) -> _State | None:
         for index, place in places.items():
             turned[index] = Rotation.from_rotvec(step[place : place + 3]).as_matrix() @ turned[index]
     cameras = list(state.cameras)
+    reach = max(camera.half_fov for camera in cameras)  # one for all, so that tied lenses stay the same
     for k, camera in enumerate(cameras):
         columns = unknowns.columns[k]
         if len(columns):
-            values = camera.values
-            values[columns] += step[unknowns.camera_at[k]]
+            values, change = camera.values, np.zeros(len(camera.values))
+            change[columns] = step[unknowns.camera_at[k]]
+            of_lens = len(camera.lens.values)
+            values[of_lens:] += change[of_lens:]
+            values[:of_lens] = lens_moved(camera.lens, change[:of_lens], reach)
             moved = with_same_circle(camera, values)
             if moved is None:
                 return None

@@ -65,12 +65,10 @@ def turn_factor(solutions: list[Solution], true: FloatArray) -> float:
     return float(np.sqrt(np.mean(ratios)))
 
 
-def test_frames_back_to_back_state_what_their_formula_hides() -> None:
-    """Sharp matches along the rim alone: the formula's own covariance is too small, with the spread it is honest."""
+def test_frames_back_to_back_state_how_little_they_know() -> None:
+    """Sharp matches along the rim alone leave a long valley of lenses: sigma covers where in it the fit ends."""
     both = [solved(DUAL, BACK_TO_BACK, seed, 400, 0.03) for seed in range(6)]
-    plain = [one for one, _ in both]
     spread = [with_lens_spread(one, other) for one, other in both]
-    assert turn_factor(plain, BACK_TO_BACK) > 1.5
     assert curve_factor(spread, DUAL) < 1.5
     assert turn_factor(spread, BACK_TO_BACK) < 1.5
 
