@@ -184,7 +184,7 @@ def _max_flow(terminal: np.ndarray, residual: np.ndarray, neighbours: np.ndarray
 
 @compiled
 def _augment(
-    p: int,
+    p: Any,
     d: int,
     terminal: np.ndarray,
     residual: np.ndarray,

@@ -15,7 +15,7 @@ _MOST = 64  # frames of which a middle is taken
 
 
 @compiled
-def _difference(features: np.ndarray, quality: np.ndarray, a: int, b: int, y: int, x: int) -> Any:
+def _difference(features: np.ndarray, quality: np.ndarray, a: Any, b: Any, y: int, x: int) -> Any:
     """How different frames a and b are at a pixel; a sum over channels, so that it obeys the triangle inequality."""
     if a == b:
         return 0
@@ -28,7 +28,7 @@ def _difference(features: np.ndarray, quality: np.ndarray, a: int, b: int, y: in
 
 
 @compiled
-def _cost(quality: np.ndarray, penalty: np.ndarray, area: np.ndarray, loss: float, k: int, y: int, x: int) -> Any:
+def _cost(quality: np.ndarray, penalty: np.ndarray, area: np.ndarray, loss: float, k: Any, y: int, x: int) -> Any:
     """What it costs to give a pixel to frame k."""
     if quality[k, y, x] <= 0:
         return _NEVER
