@@ -188,10 +188,9 @@ def test_an_interrupted_run_leaves_nothing(room_set: Set, tmp_path: Path, kind: 
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
         "from fullsphere.cli.main import main; sys.exit(main(sys.argv[1:]))"
     )
-    command = [sys.executable, "-c", program, "stitch", *map(str, room_set.frames)]
-    with subprocess.Popen(
-        [*command, "-o", str(tmp_path / "p.tif"), "--size", "8192"], stderr=subprocess.PIPE, text=True, cwd=tmp_path
-    ) as process:
+    given = [*room_set.frames[:3], "--camera", room_set.camera_file, "-o", tmp_path / "p.tif", "--size", "8192"]
+    command = [sys.executable, "-c", program, "stitch", *map(str, given)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as process:
         assert process.stderr is not None
         said = []
         for line in process.stderr:  # once it says that it composes, the output is open
