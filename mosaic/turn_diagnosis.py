@@ -17,6 +17,8 @@ from fullsphere.mosaic.turn_views import FoundPair
 _HOLE, _HOLE_STEPS = math.radians(15), 3.0  # between frames, or even steps: more is no full turn
 _MISSING = 1.8  # median gaps
 _UNEVEN = 5.0  # standard deviations of gaps
+_WHOLE, _WHOLE_SIGMAS = 0.15, 3.0  # median gaps by which a wide one may be off a whole number of them, or deviations
+_STANDS_OUT = 1.5  # times as far above the median as any gap that is usual
 _STILL, _STILL_AT_MOST = 0.02, 0.25  # even steps, whatever the noise of angles
 _NEARLY = 0.2  # median gaps: so near the first frame a last one tells nothing new
 _IN_ORDER = 0.8  # share of steps that go forward, in frames of which some may be too many
@@ -48,18 +50,29 @@ def refuse_part(within: FloatArray, ids: Sequence[str]) -> None:
 
 
 def missing_frames(within: FloatArray, ids: Sequence[str]) -> list[str]:
-    """Where a frame seems to be missing among frames at sorted angles (n,)."""
+    """Where a frame seems to be missing among frames at sorted angles (n,).
+
+    There the gap is a whole number of usual ones, and clearly wider than all others; where the speed of the arm is
+    uneven, some gap is always the widest.
+    """
     gaps = np.diff(within, append=within[0] + 2 * np.pi)
     usual = float(np.median(gaps))
-    uneven = 1.4826 * float(np.median(np.abs(gaps - usual)))
-    wide = np.flatnonzero((gaps > _MISSING * usual) & (gaps > usual + _UNEVEN * uneven))
-    if not len(wide) or len(wide) > max(3, len(gaps) // 20):  # the speed is uneven then
+    uneven = max(1.4826 * float(np.median(np.abs(gaps - usual))), float(np.quantile(gaps, 0.85) - usual) / 1.036)
+    wide = (gaps > _MISSING * usual) & (gaps > usual + _UNEVEN * uneven)
+    off_whole = np.abs(gaps - usual * np.round(gaps / usual))
+    if not wide.any() or gaps[wide].min() - usual < _STANDS_OUT * (gaps[~wide].max() - usual):
         return []
-    k = int(wide[gaps[wide].argmax()])
-    more = f", and in {len(wide) - 1} more places" if len(wide) > 1 else ""
+    places = np.flatnonzero(wide & (off_whole < max(_WHOLE * usual, _WHOLE_SIGMAS * uneven)))
+    if not len(places) or len(places) > max(3, len(gaps) // 20):
+        return []
+    k = int(places[gaps[places].argmax()])
+    others = len(places) - 1
+    more = f", and in {others} more place{'s' if others > 1 else ''}" if others else ""
     between = f"{ids[k]} and {ids[(k + 1) % len(ids)]}"
+    missing = round(gaps[k] / usual) - 1
+    seem = "a frame seems" if missing == 1 else f"{missing} frames seem"
     return [
-        f"a frame seems to be missing between {between}{more}: they are {math.degrees(gaps[k]):.2f} degrees apart, "
+        f"{seem} to be missing between {between}{more}: they are {math.degrees(gaps[k]):.2f} degrees apart, "
         f"others {math.degrees(usual):.2f}; near things may be less sharp there"
     ]
 

@@ -17,6 +17,7 @@ from fullsphere.mosaic.arm import ArmTurn, mount_angles, mount_of, positions, tu
 from fullsphere.mosaic.features import Features
 from fullsphere.mosaic.project import Frame, Picture
 from fullsphere.mosaic.turn_angles import find_turn, turn_of_views
+from fullsphere.mosaic.turn_diagnosis import missing_frames
 from fullsphere.mosaic.turn_told import told_turn
 from fullsphere.mosaic.turn_views import View, view_of
 
@@ -139,6 +140,39 @@ def test_a_missing_frame_is_told_and_a_hole_refused() -> None:
     assert "missing between 019.jpg and 021.jpg" in turn.diagnosis[0]
     with pytest.raises(GeometryError, match="less than a full turn"):
         solved(views, [*range(20), *range(24, 32)])
+
+
+@pytest.mark.parametrize("count", [60, 180])
+@pytest.mark.parametrize(("gone", "seem"), [([20], "a frame seems"), ([20, 21], "2 frames seem")])
+def test_frames_missing_in_a_regular_turn_are_told(count: int, gone: list[int], seem: str) -> None:
+    step = 2 * np.pi / count
+    angles = np.delete(np.arange(count) * step + np.random.default_rng(2).normal(0, 0.02 * step, count), gone)
+    ids = [str(k) for k in np.delete(np.arange(count), gone)]
+    said = missing_frames(np.sort(angles), ids)
+    assert f"{seem} to be missing between 19 and {gone[-1] + 1}:" in said[0]
+    assert len(said) == 1
+
+
+def test_frames_missing_in_two_places_are_told() -> None:
+    angles = np.delete(np.arange(60) * 2 * np.pi / 60, [20, 21, 40])
+    assert "between 19 and 20, and in 1 more place:" in missing_frames(angles, [str(k) for k in range(57)])[0]
+
+
+@pytest.mark.parametrize("count", [24, 60, 180])
+@pytest.mark.parametrize("jitter", [0.0, 0.02, 0.1, 0.25, 0.4])
+def test_of_an_uneven_turn_no_frame_is_missing(count: int, jitter: float) -> None:
+    for seed in range(20):
+        angles = np.arange(count) + np.random.default_rng(seed).normal(0, jitter, count)
+        within = np.sort(np.mod((angles - angles.min()) * 2 * np.pi / count, 2 * np.pi))
+        assert not missing_frames(within, [str(k) for k in range(count)])
+
+
+def test_of_an_arm_that_turns_faster_and_slower_no_frame_is_missing() -> None:
+    even = np.arange(90) * 2 * np.pi / 90
+    assert not missing_frames(even + 0.4 * np.sin(even), [str(k) for k in range(90)])
+    hasty = np.delete(even, 30)
+    hasty[30:] -= 0.4 * even[1]  # 1.6 steps after it
+    assert not missing_frames(hasty, [str(k) for k in range(89)])
 
 
 def test_where_the_arm_stood_still_frames_are_left_out(even: list[View]) -> None:
