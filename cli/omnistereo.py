@@ -73,10 +73,12 @@ def run(args: argparse.Namespace) -> int:
     omnistereo_files.check(args, camera, [*args.frames, args.camera])
     with thread_pool(args.threads) as executor:
         frames = open_turn(args.frames, camera.size)
-        pictures = pictures_for(camera, [frame for frame in frames if not frame.reason], args.memory // 2)
+        usable = [frame for frame in frames if not frame.reason]
+        room_bytes = omnistereo_files.room_bytes(args, camera, usable)
+        pictures = pictures_for(camera, usable, room_bytes)
         progress, straight = console.progress(args), args.mount == "straight"
         frames, turn = whole_turn(frames, camera, pictures, _told(args, frames), straight, executor, progress)
-        with omnistereo_files.room(args) as room:
+        with omnistereo_files.room(args, room_bytes - pictures.kept_bytes) as room:
             dtype = omnistereo_files.samples(args, turn.frames[0])
             made = omnistereo(turn, args.size, executor, pictures=pictures, dtype=dtype, progress=progress, room=room)
             written = omnistereo_files.write(args, turn, made)

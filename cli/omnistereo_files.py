@@ -121,9 +121,19 @@ def samples(args: argparse.Namespace, frame: Frame) -> type[np.generic]:
     return np.uint16 if deep == np.uint16 and endings & set(_DEEP) else np.uint8
 
 
+def room_bytes(args: argparse.Namespace, camera: Camera, frames: Sequence[Frame]) -> int:
+    """The memory for frames and mosaic; ResourceError if --memory is too little for all else."""
+    from fullsphere.model.workers import usable_cores
+    from fullsphere.mosaic.omnistereo import own_width
+    from fullsphere.mosaic.turn_budget import left_for_pictures
+
+    width, threads = args.size or own_width(camera), args.threads or usable_cores()
+    return left_for_pictures(args.memory, camera, len(frames), width, samples(args, frames[0]), threads)
+
+
 @contextlib.contextmanager
-def room(args: argparse.Namespace) -> Iterator[Callable[[tuple[int, ...], Any], NDArray[Any]]]:
-    """Give what makes the arrays of the mosaic: in memory, or in a file beside the results where they are too large."""
+def room(args: argparse.Namespace, memory: int) -> Iterator[Callable[[tuple[int, ...], Any], NDArray[Any]]]:
+    """Give what makes the arrays of the mosaic: in `memory` bytes, or in files beside the results after that."""
     import math
 
     import numpy as np
@@ -132,14 +142,17 @@ def room(args: argparse.Namespace) -> Iterator[Callable[[tuple[int, ...], Any], 
     from fullsphere.model.resources import require_disk
 
     beside = next(iter(_pictures(args, 16)), None) or _Picture(args.depth, "range", (16, 16))
+    left = memory
     with contextlib.ExitStack() as stack:
 
         def made(shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+            nonlocal left
             needed = math.prod(shape) * np.dtype(dtype).itemsize
-            if needed <= args.memory // 4:
+            if needed <= left:
+                left -= needed
                 return np.empty(shape, dtype)
             folder = beside.path.resolve().parent
-            require_disk(needed, folder, f"{beside.path}: the mosaic", "make room, or choose a smaller --size")
+            require_disk(needed, folder, f"{beside.path}: the mosaic", "make room, or give more --memory")
             with output_errors(beside.path):
                 file = stack.enter_context(tempfile.TemporaryFile(dir=folder))
                 return np.memmap(file, np.dtype(dtype), "w+", shape=shape)

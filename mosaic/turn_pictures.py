@@ -84,6 +84,11 @@ class TurnPictures:
         """Whether the frame was read."""
         return frame.id in self._read
 
+    @property
+    def kept_bytes(self) -> int:
+        """The memory that rings take."""
+        return self._taken
+
     def of(self, frame: Frame) -> FrameLight:
         """The frame as the sampler reads it: only its ring holds something, and only until this thread asks again."""
         kept = self._kept.get(frame.id)

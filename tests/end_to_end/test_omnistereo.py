@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 import shutil
 from pathlib import Path
 
@@ -152,10 +153,17 @@ def test_told_angles_give_the_same_picture_whatever_the_threads(turn: Turn, tmp_
     assert (tmp_path / "m1.png").read_bytes() == (tmp_path / "m2.png").read_bytes()
 
 
-def test_what_does_not_fit_into_memory_is_made_on_the_disk(turn: Turn, tmp_path: Path) -> None:
-    for name, memory in (("a", "2GB"), ("b", "1MB")):
-        options = ("--angles", "even", "--mount", "straight", "--size", 128, "--memory", memory)
-        assert run(turn, *options, "-o", tmp_path / f"{name}.png") == 0
+def test_what_does_not_fit_into_memory_is_made_on_the_disk(
+    turn: Turn, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ("--angles", "even", "--mount", "straight", "--size", 256, "--threads", 2)
+    assert run(turn, *options, "-o", tmp_path / "a.png", "--memory", "20MB") == 6
+    said = capsys.readouterr().err
+    assert "--memory 20MB is too little for 48 frames of 256 x 256 pixels" in said
+    least = re.search(r"at least (\d+MB)", said)
+    assert least is not None
+    for name, memory in (("a", "2GB"), ("b", least[1])):
+        assert run(turn, *options, "-o", tmp_path / f"{name}.png", "--memory", memory) == 0
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "b.png"]
 
