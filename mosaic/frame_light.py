@@ -15,6 +15,7 @@ from fullsphere.model.camera import Camera
 from fullsphere.model.colour import decoding_table
 from fullsphere.model.icc import SRGB, Profile
 from fullsphere.model.source_picture import Samples, SourcePicture, source_picture
+from fullsphere.mosaic.edge_shade import shade_at
 from fullsphere.mosaic.frame_colour import in_profile, own_profile
 from fullsphere.mosaic.masks import used
 from fullsphere.mosaic.project import Frame, Mosaic, Picture
@@ -48,13 +49,14 @@ class Gain(NamedTuple):
 
 
 def gain_of(mosaic: Mosaic, frame: Frame) -> Gain:
-    """The inverse of a frame's exposure and white balance, and of its camera's vignetting (see `photometry`)."""
+    """The inverse of a frame's exposure and white balance, of its camera's vignetting and edge (see `photometry`)."""
     half = mosaic.cameras[frame.camera].half_fov
     z_min = math.cos(half)
     s = (np.arccos(np.linspace(z_min, 1, _CELLS + 1)) / half) ** 2
     w1, w2 = mosaic.vignetting_of(frame.camera)
     factor = (2.0**-frame.exposure_ev / np.array(frame.white_balance)).astype(np.float32)
-    return Gain(factor, np.exp2(-(w1 * s + w2 * s**2)).astype(np.float32), z_min)
+    lost = w1 * s + w2 * s**2 + shade_at(s, mosaic.shade_of(frame.camera))
+    return Gain(factor, np.exp2(-lost).astype(np.float32), z_min)
 
 
 def codes_of(frame: Frame, profile: Profile = SRGB) -> Picture:

@@ -1,9 +1,9 @@
 """How frames recorded the scene's light: exposure, white balance and the falloff of the lenses, from the overlaps.
 
 In linear light a frame records 2^(e + t + w1 s + w2 s^2) of the scene's light, s = (theta/half_fov)^2: its exposure e,
-its tint t, which green has none of, and the vignetting (w1, w2) of its camera, all in EV.  In a direction that several
-frames see the scene drops out (`photometry_fit`).  Directions are spread evenly over the sphere, so that every part of
-it counts by its solid angle.
+its tint t, which green has none of, and the vignetting (w1, w2) of its camera, all in EV; less at the edge
+(`edge_shade`).  In a direction that several frames see the scene drops out (`photometry_fit`).  Directions are spread
+evenly over the sphere, so that every part of it counts by its solid angle.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ from fullsphere.model.lens import FloatArray
 from fullsphere.model.sampling import sample
 from fullsphere.model.table import RayTable, tabulate
 from fullsphere.model.workers import ordered_map
+from fullsphere.mosaic.edge_shade import edge_shade
 from fullsphere.mosaic.frame_colour import common_profile
 from fullsphere.mosaic.frame_light import codes_of
-from fullsphere.mosaic.photometry_fit import Photometry, fit
+from fullsphere.mosaic.photometry_fit import Photometry, fit, scene_of
 from fullsphere.mosaic.project import Frame, Picture
 from fullsphere.mosaic.small_light import small_light
 
@@ -32,7 +33,7 @@ __all__ = ["Photometry", "estimate_photometry"]
 
 _DIRECTIONS, _VALUES = 20_000, 1_000_000  # and no more values than this, of many frames together
 _SIDE_PX = 600  # brightness is compared on pictures of this size: what is left of parallax and noise averages out
-_RIM = 0.95  # of s: beyond it a lens' own edge and that of the image circle darken the picture
+_RIM = 0.95  # of s: vignetting is fitted up to there; then a lens' edge and that of the image circle darken the picture
 _CLIPPED, _DARK = 0.9, 0.004  # linear light, of full scale: beyond them a pixel says nothing of the brightness
 _DARK_LIGHT = 1e-3  # the same for pictures that hold light, of their mean
 
@@ -40,7 +41,7 @@ _DARK_LIGHT = 1e-3  # the same for pictures that hold light, of their mean
 def estimate_photometry(
     frames: Sequence[Frame], cameras: Camera | Sequence[Camera], executor: Executor | None = None
 ) -> Photometry:
-    """Exposure and white balance of registered frames, and the vignetting of the cameras, in the order of `cameras`.
+    """Exposure and white balance of registered frames, vignetting and edges of the cameras, in the order of `cameras`.
 
     Frames are opened side by side on `executor`.  One that shares no usable direction with any other has the exposure
     that the cameras noted where all frames have that (`Frame.told_ev`), else the mean.
@@ -56,12 +57,14 @@ def estimate_photometry(
         codes = codes_of(frame, profile)
         return _levels(codes, profile, tables[frame.camera], rays, frame.camera_from_world)
 
-    found = list(ordered_map(executor, measured, frames, ahead=4))
-    levels = np.array([level for level, _ in found]).reshape(len(found), len(rays), 3)
-    s = np.array([at for _, at in found]).reshape(len(found), len(rays))
+    values = list(ordered_map(executor, measured, frames, ahead=4))
+    levels = np.array([level for level, _ in values]).reshape(len(values), len(rays), 3)
+    s = np.array([at for _, at in values]).reshape(len(values), len(rays))
     told = [frame.told_ev for frame in frames if frame.told_ev is not None]
     noted = np.array(told) if len(told) == len(frames) else None
-    return fit(levels, s, np.array([frame.camera for frame in frames], np.intp), len(each), noted)
+    camera = np.array([frame.camera for frame in frames], np.intp)
+    found = fit(np.where((s < _RIM)[..., None], levels, np.float32(np.nan)), s, camera, len(each), noted)
+    return found._replace(shade_ev=edge_shade(scene_of(levels, s, camera, found), s, camera, len(each)))
 
 
 def _even_directions(count: int) -> FloatArray:
@@ -84,7 +87,7 @@ def _levels(
     height, width = trusted.shape[:2]
     u, v = pixels[:, 0], pixels[:, 1]
     with np.errstate(invalid="ignore"):
-        inside = (u > 1) & (u < width - 2) & (v > 1) & (v < height - 2) & (s < _RIM)
+        inside = (u > 1) & (u < width - 2) & (v > 1) & (v < height - 2) & (s < 1)
     at = np.where(inside[:, None], pixels, np.float32(np.nan))[None]
     usable = inside[:, None] & (sample(trusted, at, "linear")[0] > 0.999)
     value = np.where(usable, sample(light, at, "linear")[0], 1)

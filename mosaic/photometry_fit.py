@@ -45,11 +45,14 @@ class Photometry(NamedTuple):
         (n, 3) factors beside that, green 1; geometric mean 1 over the frames.
     vignetting_ev
         (w1, w2) of each camera: 2^(w1 s + w2 s^2) falls from the axis to the rim s = 1.
+    shade_ev
+        What the edge of each camera takes beside (`edge_shade`); empty as long as that is not measured.
     """
 
     exposure_ev: FloatArray
     white_balance: FloatArray
     vignetting_ev: tuple[tuple[float, float], ...]
+    shade_ev: tuple[tuple[float, ...], ...] = ()
 
 
 def fit(
@@ -84,6 +87,15 @@ def fit(
             if np.abs(x - before).max() < settled:
                 break
     return _photometry(x[: _COLOURS * n].reshape(_COLOURS, n), x[_COLOURS * n :].reshape(cameras, 2))
+
+
+def scene_of(
+    levels: NDArray[np.float32], s: NDArray[np.float32], camera: NDArray[np.intp], found: Photometry
+) -> NDArray[np.float32]:
+    """log2 of the scene's light (n, d, 3) as each frame tells it, its exposure, tint and vignetting taken out."""
+    w1, w2 = np.array(found.vignetting_ev, np.float32)[camera].T[..., None]
+    own = found.exposure_ev[:, None] + np.log2(found.white_balance)
+    return np.asarray(levels - own[:, None] - (w1 * s + w2 * s**2)[..., None], np.float32)
 
 
 def _step(data: list[_Colour], prior: FloatArray, towards: FloatArray, cameras: int, gently: bool) -> FloatArray:

@@ -161,6 +161,8 @@ class Mosaic:
         Between registered frames, by index into `frames`.
     vignetting_ev
         (w1, w2) of each camera: its lens passes 2^(w1 s + w2 s^2) of the light, s = (theta/half_fov)^2; empty for none.
+    shade_ev
+        What the edge of each camera's lens takes beside: EV at the knots of `edge_shade`; empty for none.
     level
         How up was found: "vertical-lines", "gravity", "camera-x-axes" or "by-hand"; "hugin" where up is what it was in
         a Hugin project, "none" where the world is the first frame's.
@@ -180,6 +182,7 @@ class Mosaic:
     frames: tuple[Frame, ...]
     links: tuple[Link, ...]
     vignetting_ev: tuple[tuple[float, float], ...] = ()
+    shade_ev: tuple[tuple[float, ...], ...] = ()
     level: str = "none"
     self_calibrated: bool = False
     quality: dict[str, float] = dataclasses.field(default_factory=dict)
@@ -195,6 +198,10 @@ class Mosaic:
     def vignetting_of(self, camera: int) -> tuple[float, float]:
         """(w1, w2) of the camera with this index; see `vignetting_ev`."""
         return self.vignetting_ev[camera] if self.vignetting_ev else (0.0, 0.0)
+
+    def shade_of(self, camera: int) -> tuple[float, ...]:
+        """EV at the knots of the camera with this index; see `shade_ev`."""
+        return self.shade_ev[camera] if self.shade_ev else ()
 
     @property
     def registered(self) -> tuple[Frame, ...]:

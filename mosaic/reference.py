@@ -70,7 +70,7 @@ def compensated(mosaic: Mosaic, exposure: Exposure) -> Mosaic:
         return mosaic
     if exposure.by == "none":
         plain = tuple(dataclasses.replace(f, exposure_ev=0.0, white_balance=(1.0, 1.0, 1.0)) for f in mosaic.frames)
-        return dataclasses.replace(mosaic, frames=plain, vignetting_ev=())
+        return dataclasses.replace(mosaic, frames=plain, vignetting_ev=(), shade_ev=())
     kept = _named(mosaic, exposure.frame)
     return dataclasses.replace(mosaic, frames=tuple(_beside(frame, kept) for frame in mosaic.frames))
 

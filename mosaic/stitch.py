@@ -37,6 +37,7 @@ def evened_out(mosaic: Mosaic, executor: Executor | None = None) -> Mosaic:
         mosaic,
         frames=tuple(_evened(frame, *next(found)) if frame.registered else frame for frame in mosaic.frames),
         vignetting_ev=photometry.vignetting_ev,
+        shade_ev=photometry.shade_ev,
     )
 
 

@@ -18,6 +18,7 @@ from fullsphere.model.files import read_json, write_json
 from fullsphere.model.json_values import demand_keys, list_of, number_of, numbers_of, object_of, text_of
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.store import camera_from_dict, camera_to_dict
+from fullsphere.mosaic.edge_shade import KNOTS
 from fullsphere.mosaic.project import Mosaic
 from fullsphere.mosaic.store_frames import frames_from_list, frames_to_list, rotation_of, yaw_pitch_roll_deg
 from fullsphere.mosaic.store_links import links_from_list, links_to_list
@@ -28,7 +29,7 @@ FORMAT = "fullsphere-mosaic/1"
 
 _REQUIRED = ("format", "cameras", "frames", "links", "level", "quality")
 _OPTIONAL = ("diagnosis",)
-_OF_CAMERA = ("vignetting", "camera_from_rig")
+_OF_CAMERA = ("vignetting", "edge_shade", "camera_from_rig")
 _MAX_EV = 64.0
 
 
@@ -107,6 +108,7 @@ def mosaic_from_dict(value: Any, where: str, folder: Path) -> Mosaic:
         frames=frames,
         links=links_from_list(list_of(data, "links", where), frames, where),
         vignetting_ev=_vignetting(stored, places),
+        shade_ev=_shades(stored, places),
         level=text_of(data, "level", where),
         self_calibrated=_truth(quality, "self_calibrated", f"{where}: quality"),
         quality={key: _as_written(quality, key, f"{where}: quality") for key in quality if key != "self_calibrated"},
@@ -122,6 +124,8 @@ def _camera(mosaic: Mosaic, k: int) -> dict[str, Any]:
     if mosaic.camera_covariances:
         record = {"covariance": {"of": list(camera.parameter_names), "values": mosaic.camera_covariances[k]}}
     value = {**camera_to_dict(camera, record), "vignetting": list(mosaic.vignetting_of(k))}
+    if mosaic.shade_of(k):
+        value["edge_shade"] = list(mosaic.shade_of(k))
     return {**value, "camera_from_rig": mosaic.camera_from_rig[k]} if mosaic.camera_from_rig else value
 
 
@@ -133,6 +137,18 @@ def _vignetting(stored: list[Any], places: list[str]) -> tuple[tuple[float, floa
         if max(abs(w1), abs(w2)) > _MAX_EV:
             raise InputError(f"{place}: vignetting is not between -{_MAX_EV:g} and {_MAX_EV:g} EV")
         found.append((w1, w2))
+    return tuple(found)
+
+
+def _shades(stored: list[Any], places: list[str]) -> tuple[tuple[float, ...], ...]:
+    if not any("edge_shade" in value for value in stored):
+        return ()
+    found = []
+    for value, place in zip(stored, places, strict=True):
+        shade = numbers_of(value, "edge_shade", place, len(KNOTS) - 1) if "edge_shade" in value else []
+        if any(not -_MAX_EV <= ev <= 0 for ev in shade):
+            raise InputError(f"{place}: edge_shade is not between -{_MAX_EV:g} and 0 EV")
+        found.append(tuple(shade))
     return tuple(found)
 
 

@@ -81,6 +81,7 @@ def mosaic_in(folder: Path, seed: int = 0) -> Mosaic:
         tuple(frames),
         tuple(links),
         vignetting_ev=((-0.25, 0.1 / 3), (-0.5, -0.125)),
+        shade_ev=((), (-0.1, -0.2, -0.3, -0.5, -0.1 / 3 - 1)),
         level="gravity",
         self_calibrated=True,
         quality={"matches": 120, "residual_median_px": 0.1 / 3},
@@ -100,7 +101,7 @@ def test_a_mosaic_comes_back(tmp_path: Path) -> None:
     mosaic = mosaic_in(tmp_path)
     save_mosaic(tmp_path / "mosaic.json", mosaic)
     read = load_mosaic(tmp_path / "mosaic.json")
-    for name in ("vignetting_ev", "level", "self_calibrated", "quality", "diagnosis"):
+    for name in ("vignetting_ev", "shade_ev", "level", "self_calibrated", "quality", "diagnosis"):
         assert getattr(read, name) == getattr(mosaic, name)
     for camera, original in zip(read.cameras, mosaic.cameras, strict=True):
         assert (camera.lens, camera.size, camera.centre) == (original.lens, original.size, original.centre)
@@ -269,6 +270,8 @@ MALFORMED: list[tuple[Callable[[dict[str, Any]], None], str]] = [
     (without("cameras", 0, "vignetting"), r"cameras\[0\]: the key 'vignetting' is missing"),
     (changed("cameras", 0, "vignetting", to=[1]), r"cameras\[0\]: vignetting is not a list of 2"),
     (changed("cameras", 0, "vignetting", to=[1, 1000]), r"cameras\[0\]: vignetting is not between"),
+    (changed("cameras", 1, "edge_shade", to=[-1]), r"cameras\[1\]: edge_shade is not a list of 5"),
+    (changed("cameras", 1, "edge_shade", 2, to=0.5), r"cameras\[1\]: edge_shade is not between -64 and 0"),
     (without("cameras", 1, "camera_from_rig"), r"cameras\[1\]: the key 'camera_from_rig' is missing"),
     (changed("cameras", 0, "camera_from_rig", to=MIRROR), r"cameras\[0\]: camera_from_rig is not a rotation but mir"),
     (changed("cameras", 0, "calibration", "covariance", "of", to=["a"]), r"covariance: of is not the list of this"),
