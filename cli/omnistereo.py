@@ -47,8 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     turn.add_argument(
         "--direction",
         choices=("right", "left"),
-        default="right",
-        help="which way the arm turned, for --angles even (default: %(default)s)",
+        help="which way the arm turned, for --angles even (default: right)",
     )
     turn.add_argument(
         "--mount",
@@ -64,13 +63,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry out the command."""
+    from fullsphere.model.errors import UsageError
     from fullsphere.model.workers import thread_pool
     from fullsphere.mosaic.omnistereo import omnistereo, pictures_for
     from fullsphere.mosaic.turn_frames import open_turn
     from fullsphere.mosaic.whole_turn import whole_turn
 
+    if args.direction and args.angles != "even":
+        raise UsageError("--direction is for --angles even; angles found or told in a file have their sign")
     camera = _camera(args)
-    omnistereo_files.check(args, camera, [*args.frames, args.camera])
+    told = [] if args.angles in ("auto", "even") else [Path(args.angles)]
+    omnistereo_files.check(args, camera, [*args.frames, args.camera, *told])
     with thread_pool(args.threads) as executor:
         frames = open_turn(args.frames, camera.size)
         usable = [frame for frame in frames if not frame.reason]
@@ -121,7 +124,7 @@ def _told(args: argparse.Namespace, frames: Sequence[Frame]) -> FloatArray | Non
     if args.angles == "auto":
         return None
     if args.angles == "even":
-        return even_angles(frames, args.direction == "right")
+        return even_angles(frames, args.direction != "left")
     return read_angles(Path(args.angles), frames)
 
 

@@ -91,20 +91,22 @@ def check(args: argparse.Namespace, camera: Camera, inputs: Sequence[Path]) -> N
     wanted = [*_pictures(args, width), *_range_picture(args, width)]
     if not wanted:
         raise UsageError("nothing is to be written; give -o, --left, --right, --over-under, --anaglyph or --depth")
-    if args.report is not None:
-        from fullsphere.cli.page import check_page
-
-        check_page(args.report, args.overwrite, inputs)
-    paths = [picture.path.resolve() for picture in wanted]
+    paths = [*(picture.path for picture in wanted), *filter(None, [args.report])]
+    resolved = [path.resolve() for path in paths]
+    for path, place in zip(paths, resolved, strict=True):
+        if resolved.count(place) > 1:
+            raise UsageError(f"{path}: is to be written twice; choose different names")
     for picture in wanted:
-        if paths.count(picture.path.resolve()) > 1:
-            raise UsageError(f"{picture.path}: is to be written twice; choose different names")
         check_output(picture.path, args.overwrite, inputs)
         ranges = picture.name == "range"
         if ranges and picture.path.suffix.lower() not in _RANGE:
             raise UsageError(f"{picture.path}: range is floats; write a .exr or a .tif")
         dtype = "float32" if ranges or picture.path.suffix.lower() in _LINEAR else "uint8"
         check_panorama(picture.path, picture.size, 2 if ranges else _channels(picture.path), dtype, args.compression)
+    if args.report is not None:
+        from fullsphere.cli.page import check_page
+
+        check_page(args.report, args.overwrite, inputs)
 
 
 def samples(args: argparse.Namespace, frame: Frame) -> type[np.generic]:

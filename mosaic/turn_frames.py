@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +24,8 @@ LEAST_FRAMES = 8
 """Fewer frames make no mosaic: they lie 45 degrees and more apart."""
 
 _MOST_BYTES = 1 << 24  # of a file of angles
+_RADIANS = 6.3  # of a full turn
+_BETWEEN = " \t,"  # a name and its angle
 
 
 def open_turn(paths: Sequence[Path], size: tuple[int, int]) -> list[Frame]:
@@ -63,7 +67,8 @@ def read_angles(path: Path, frames: Sequence[Frame]) -> FloatArray:
     """Turn angles (n,) in radians of frames, as a text file tells them in degrees.
 
     One line for each frame: its file name and the angle, or the angles alone in the order of the frames; separated by
-    blanks, commas or tabs.  Empty lines and what follows a # do not count.  Angles grow to the right.
+    blanks, commas or tabs, which a name may hold too.  Empty lines and what follows a # do not count.  Angles grow to
+    the right.
 
     Raises
     ------
@@ -71,11 +76,15 @@ def read_angles(path: Path, frames: Sequence[Frame]) -> FloatArray:
         If the file cannot be read, a line is neither, or a frame has no angle or two.
     """
     lines = _lines(path)
-    named = all(len(words) == 2 for _, words in lines)
-    if not named and not all(len(words) == 1 for _, words in lines):
-        number = next(number for number, words in lines if len(words) != len(lines[0][1]))
-        raise InputError(f"{path}: line {number} is not like the others; give a file name and an angle, or an angle")
-    degrees = [_number(path, number, words[-1]) for number, words in lines]
+    named = bool(lines[0].name)
+    for line in lines:
+        if bool(line.name) != named:
+            raise InputError(
+                f"{path}: line {line.number} is not like the others; give a file name and an angle, or an angle"
+            )
+    degrees = [_number(path, line.number, line.angle) for line in lines]
+    if len(degrees) >= LEAST_FRAMES and max(degrees) - min(degrees) <= _RADIANS:
+        raise InputError(f"{path}: tells less than {_RADIANS} degrees of turn; if these are radians, give degrees")
     if not named:
         if len(degrees) != len(frames):
             raise InputError(
@@ -83,31 +92,46 @@ def read_angles(path: Path, frames: Sequence[Frame]) -> FloatArray:
             )
         return np.radians(degrees)
     told: dict[str, float] = {}
-    for (number, words), angle in zip(lines, degrees, strict=True):
-        if words[0] in told:
-            raise InputError(f"{path}: line {number}: {words[0]} has an angle already; remove one")
-        told[words[0]] = angle
+    for line, angle in zip(lines, degrees, strict=True):
+        if line.name in told:
+            raise InputError(f"{path}: line {line.number}: {line.name} has an angle already; remove one")
+        told[line.name] = angle
     missing = [frame.id for frame in frames if Path(frame.id).name not in told and frame.id not in told]
+    if len(missing) == len(frames):
+        raise InputError(
+            f"{path}: line {lines[0].number}: {lines[0].name!r} is no frame of these, and no other line names one; "
+            "give their file names, and degrees with a decimal point"
+        )
     if missing:
-        raise InputError(f"{path}: tells no angle for {', '.join(missing[:3])}{' ...' if len(missing) > 3 else ''}")
+        some = ", ".join(missing[:3]) + (f" and {len(missing) - 3} more" if len(missing) > 3 else "")
+        raise InputError(f"{path}: tells no angle for {some}; add a line for each")
     return np.radians([told.get(frame.id, told.get(Path(frame.id).name, 0.0)) for frame in frames])
 
 
-def _lines(path: Path) -> list[tuple[int, list[str]]]:
-    """The words of each line that holds any, with its number."""
+class _Line(NamedTuple):
+    number: int
+    name: str
+    angle: str
+
+
+def _lines(path: Path) -> list[_Line]:
+    """Each line that holds anything: its last word is the angle, and what stands before it the name, if anything."""
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise InputError(f"{path}: is larger than {_MOST_BYTES >> 20} MB, no list of angles")
         text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: there is no such file of angles; check the name") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not UTF-8 text, so no list of angles (byte {error.start})") from error
     found = []
     for number, line in enumerate(text.splitlines(), 1):
-        words = line.partition("#")[0].replace(",", " ").split()
-        if words:
-            found.append((number, words))
+        told = line.partition("#")[0].strip(_BETWEEN)
+        if told:
+            angle = re.split(f"[{_BETWEEN}]", told)[-1]
+            found.append(_Line(number, told.removesuffix(angle).rstrip(_BETWEEN), angle))
     if not found:
         raise InputError(f"{path}: holds no angles")
     return found

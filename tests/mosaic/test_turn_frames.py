@@ -1,3 +1,4 @@
+import dataclasses
 from pathlib import Path
 
 import cv2
@@ -34,6 +35,9 @@ def test_even_steps_go_round_to_either_side() -> None:
 def test_angles_are_read_by_name_or_in_order(tmp_path: Path) -> None:
     by_name = told(tmp_path, "# a turn\nf1.png, 20.5\n\nf0.png\t-3  # slipped\n")
     np.testing.assert_allclose(read_angles(by_name, frames(2)), np.radians([-3, 20.5]))
+    spaced = [dataclasses.replace(one, id=f"my turn, {one.id}") for one in frames(2)]
+    text = "my turn, f0.png 4\nmy turn, f1.png,5\n"
+    np.testing.assert_allclose(read_angles(told(tmp_path, text), spaced), np.radians([4, 5]))
     np.testing.assert_allclose(read_angles(told(tmp_path, "1\n2\n3"), frames(3)), np.radians([1, 2, 3]))
 
 
@@ -46,6 +50,9 @@ def test_angles_are_read_by_name_or_in_order(tmp_path: Path) -> None:
         ("f0.png 1\nf1.png north\n", "line 2: 'north' is no angle"),
         ("f0.png 1\n7\n", "line 2 is not like the others"),
         ("# nothing\n", "no angles"),
+        ("a b c\n", "line 1: 'c' is no angle"),
+        ("0,5\n6,5\n", "line 1: '0' is no frame of these.*decimal point"),
+        ("0\n1\n2\n3\n4\n5\n6\n6.2\n", "radians"),
         ("nan\n1\n", "line 1: 'nan'"),
     ],
 )
