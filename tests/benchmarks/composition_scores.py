@@ -21,7 +21,7 @@ _FIELD = 0.98  # of theta, to which vignetting is compared
 
 def stitched(truth: RenderedTruth, lens: str, folder: Path) -> tuple[Path, Path]:
     """The panorama and the mosaic of a set, made by the command with the true lens or with none, if not there yet."""
-    name = f"{truth.folder.name}_{lens}"
+    name = f"{truth.folder.name}_{truth.scene.stem}_{lens}"
     picture, mosaic = folder / f"{name}.tif", folder / f"{name}.json"
     if not (picture.exists() and mosaic.exists()):
         note(f"stitching {truth.folder.name}, {lens} lens")
