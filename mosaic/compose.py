@@ -238,7 +238,9 @@ class _Composer:
             between = light.picture.sampled(found.u, found.v, LINEAR, shape)[..., :3]
             np.clip(codes[..., :3], between / _SHARPER, between * _SHARPER, out=codes[..., :3])
         full = 1.0 if codes.dtype.kind == "f" else float(np.iinfo(codes.dtype).max)
-        z = (canvas.rays[part] @ source.axis.astype(np.float32)).astype(np.float32)
+        rays, axis = canvas.rays[part], source.axis.astype(np.float32)
+        # A matrix product would round by where in the tile a pixel lies.
+        z = rays[..., 0] * axis[0] + rays[..., 1] * axis[1] + rays[..., 2] * axis[2]
         return _Sampled(codes, light.light_of_code, _OPAQUE * full, found.inner.u, z)
 
 
