@@ -58,9 +58,10 @@ def _opened(path: Path, name: str) -> Frame:
 
 
 def even_angles(frames: Sequence[Frame], to_the_right: bool = True) -> FloatArray:
-    """Turn angles (n,) in radians of frames in even steps round a full turn."""
-    n = len(frames)
-    return np.asarray(np.arange(n) * (2 * math.pi / n) * (1 if to_the_right else -1)) % (2 * math.pi)
+    """Turn angles (n,) in radians of frames in even steps round a full turn; a file given twice is one step."""
+    steps: dict[str, int] = {}
+    places = [steps.setdefault(frame.sha256 or frame.id, len(steps)) for frame in frames]
+    return np.asarray(np.array(places) * (2 * math.pi / len(steps)) * (1 if to_the_right else -1)) % (2 * math.pi)
 
 
 def read_angles(path: Path, frames: Sequence[Frame]) -> FloatArray:

@@ -151,9 +151,10 @@ def _check(found: Sequence[FoundPair], proposed: int, within: FloatArray, ids: S
         )
     wrong, gross = _contrary(turned, told), _contrary(turned, told, _GROSS, _LEAST_GROSS)
     if abs(share - 1) > _CONTRARY and _contrary(turned / share, told, _GROSS, _LEAST_GROSS).mean() < _FEW:
+        than = "less than" if share < 1 else "more than"
         raise GeometryError(
-            f"the frames turn by {share:.3f} of the angles told: instead of a full turn they cover about "
-            f"{360 * share:.0f} degrees; try --angles auto"
+            f"the frames turn by {share:.3f} of the angles told: {than} a full turn, about "
+            f"{360 * share:.0f} degrees; {'give the rest of the turn, or ' if share < 1 else ''}try --angles auto"
         )
     if wrong.mean() > 0.5 or gross.mean() > _MOST_GROSS:
         k = int(np.flatnonzero(gross if gross.any() else wrong)[0])

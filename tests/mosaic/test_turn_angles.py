@@ -259,7 +259,7 @@ def test_angles_told_the_other_way_are_refused(even: list[View]) -> None:
 
 
 def test_even_steps_of_frames_that_are_less_are_refused() -> None:
-    with pytest.raises(GeometryError, match="cover about 306 degrees"):
+    with pytest.raises(GeometryError, match="less than a full turn, about 306 degrees; give the rest"):
         told(views_at(EVEN * 0.85), EVEN)
 
 

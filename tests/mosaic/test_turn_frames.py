@@ -32,6 +32,12 @@ def test_even_steps_go_round_to_either_side() -> None:
     np.testing.assert_allclose(even_angles(frames(4), to_the_right=False), np.radians([0, 270, 180, 90]))
 
 
+def test_a_file_given_twice_is_no_step() -> None:
+    turn = [dataclasses.replace(one, sha256=one.id) for one in frames(4)]
+    turn.insert(2, dataclasses.replace(turn[1], id="copy.png"))
+    np.testing.assert_allclose(even_angles(turn), np.radians([0, 90, 90, 180, 270]))
+
+
 def test_angles_are_read_by_name_or_in_order(tmp_path: Path) -> None:
     by_name = told(tmp_path, "# a turn\nf1.png, 20.5\n\nf0.png\t-3  # slipped\n")
     np.testing.assert_allclose(read_angles(by_name, frames(2)), np.radians([-3, 20.5]))
