@@ -162,7 +162,7 @@ def _summary(frames: Sequence[Frame], turn: ArmTurn, made: Omnistereo, written: 
         "seen": float(made.seen.mean(dtype=float)),
         "diagnosis": list(turn.diagnosis),
         "written": written,
-        **turn.quality,
+        **{name: value if math.isfinite(value) else None for name, value in turn.quality.items()},
     }
 
 
