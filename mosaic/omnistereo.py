@@ -154,8 +154,8 @@ def refuse_narrow(camera: Camera) -> None:
     slit = max(seen - 2, 0)
     raise GeometryError(
         f"the camera sees {seen:.1f} degrees from its axis, and the mosaic is made of the rays at 90 and a little "
-        f"beyond; use a lens of 183 degrees or more. The slit at {slit:.0f} degrees would do for an approximation, which "
-        "is not made here: "
+        f"beyond; use a lens of 183 degrees or more. The slit at {slit:.0f} degrees would do for an approximation, "
+        "which is not made here: "
         f"eyes on a circle of {math.sin(math.radians(slit)):.2f} arms, with elevations true at one distance only"
     )
 
