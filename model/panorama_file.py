@@ -30,7 +30,7 @@ MAX_SIDE = 1 << 20
 class _Format(NamedTuple):
     name: str
     samples: tuple[str, ...]
-    compressions: tuple[str, ...]  # the default first
+    compressions: tuple[str, ...]  # the default first, but of a TIFF
     least_share: float  # of the samples' bytes, that a photograph takes in a file
     instead: str  # the ending to advise where the samples do not fit
 
@@ -101,7 +101,7 @@ def open_panorama(
     compression
         .tif: zip, lzw, none; .exr: zip, piz, none and the lossy dwaa and dwab; .png: zip, none; .jpg: the quality, 1
         to 100.
-        By default the first, and quality 95.
+        By default the first, lzw for a .tif of 8 bits, and quality 95.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def open_panorama(
     check_panorama(path, size, channels, dtype, compression)
     shape, samples = (size[1], size[0], channels), np.dtype(dtype)
     with replacing(path, overwrite) as temporary:
-        packing = compression or _format_of(path).compressions[0]
+        packing = compression or _usual_compression(_format_of(path), samples)
         writer = _writer(path, temporary, shape, samples, attributes, icc_profile, packing)
         with contextlib.closing(writer):
             yield writer
@@ -152,6 +152,10 @@ def _writer(
     jpeg = JpegStream(shape[0], metadata, quality)
     largest = _LARGEST_JPEG_ERROR + (100 - quality)
     return StreamWriter(path, temporary, shape, dtype, jpeg, largest_mean_error=largest, alpha=False)
+
+
+def _usual_compression(kind: _Format, dtype: np.dtype[Any]) -> str:
+    return tiled_tiff.usual_compression(dtype) if kind is _TIFF else kind.compressions[0]
 
 
 def _check_compression(path: Path, kind: _Format, compression: str | None) -> None:

@@ -72,7 +72,7 @@ def test_a_jpeg_is_close_and_has_no_alpha(tmp_path: Path, channels: int) -> None
     assert np.abs(read.astype(int) - pixels[..., :colours]).max() <= 6  # of a smooth picture, at quality 95
 
 
-@pytest.mark.parametrize(("ending", "compressions"), [(".tif", ("zip", "lzw", "none")), (".png", ("zip", "none"))])
+@pytest.mark.parametrize(("ending", "compressions"), [(".tif", ("lzw", "zip", "none")), (".png", ("zip", "none"))])
 def test_every_compression_holds_the_same_pixels(tmp_path: Path, ending: str, compressions: tuple[str, ...]) -> None:
     pixels = np.cumsum(panorama(3, np.uint8) // 100, axis=1, dtype=np.uint8)
     sizes = []
@@ -134,7 +134,7 @@ def test_a_tiff_is_tiled_and_says_that_its_alpha_is_straight(tmp_path: Path) -> 
     told = exiftool(tmp_path / "x.tif", "-TileWidth", "-ExtraSamples", "-Compression")
     assert told["TileWidth"] == 256
     assert told["ExtraSamples"] == "Unassociated Alpha"
-    assert told["Compression"] == "Adobe Deflate"
+    assert told["Compression"] == "LZW"
 
 
 def exiftool(path: Path, *tags: str) -> dict[str, object]:
