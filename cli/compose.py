@@ -44,7 +44,6 @@ def run(args: argparse.Namespace) -> int:
     """Carry out the command."""
     from fullsphere.model.errors import UsageError
     from fullsphere.model.workers import thread_pool
-    from fullsphere.mosaic.reuse import with_pictures
     from fullsphere.mosaic.store import load_mosaic
 
     if args.brackets and not args.frames:
@@ -56,6 +55,8 @@ def run(args: argparse.Namespace) -> int:
     composing.check_outputs(args, [args.output], inputs)
     with thread_pool(args.threads) as executor:
         if args.frames:
+            from fullsphere.mosaic.reuse import with_pictures
+
             console.say(args, f"measuring the light of {console.counted(len(args.frames), 'new picture')}")
             brackets = console.brackets_in(args, args.frames, positions=1)
             mosaic = with_pictures(mosaic, args.frames, executor, brackets)

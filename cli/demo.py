@@ -94,8 +94,6 @@ def true_camera() -> Camera:
 
 def _calibrate(args: argparse.Namespace, folder: Path, camera: Camera, executor: Executor) -> Camera:
     """Photograph the target, find its corners, calibrate from them; only the target itself is known."""
-    from scipy.spatial.transform import Rotation
-
     from fullsphere.model.calibration.calibrate import calibrate
     from fullsphere.model.calibration.photos import Photo, views_of_photos
     from fullsphere.model.calibration.points import read_points
@@ -103,11 +101,12 @@ def _calibrate(args: argparse.Namespace, folder: Path, camera: Camera, executor:
     from fullsphere.model.calibration.target_file import save_target
     from fullsphere.model.calibration.targets import Target
     from fullsphere.model.images import read_picture
+    from fullsphere.model.yaw_pitch_roll import rotation_of_angles
     from fullsphere.mosaic.worlds import charuco_box, photograph, target_scene
 
     boards = charuco_box()
     console.say(args, "photographing the target")
-    pose = Rotation.from_euler("YXZ", [2.5, -1.8, 1.2], degrees=True).inv().as_matrix()
+    pose = rotation_of_angles(2.5, -1.8, 1.2).T
     photo = photograph(
         target_scene(boards, (25.0, -18.0, 12.0)), camera, pose, noise=_NOISE, seed=args.seed, executor=executor
     )

@@ -56,9 +56,9 @@ def levelling_of(args: argparse.Namespace) -> Levelling:
 def _by_hand(text: str) -> Any:
     """The rotation (3, 3) of a camera's rays into a level world."""
     import numpy as np
-    from scipy.spatial.transform import Rotation
 
     from fullsphere.model.errors import UsageError
+    from fullsphere.model.yaw_pitch_roll import rotation_of_angles
 
     try:
         angles = [float(angle) for angle in text.split(",")]
@@ -66,4 +66,4 @@ def _by_hand(text: str) -> Any:
         angles = []
     if len(angles) != 3 or not np.all(np.isfinite(angles)):
         raise UsageError(f"--level {text!r} is not known; it is {_SPELLING}")
-    return Rotation.from_euler("YXZ", angles, degrees=True).as_matrix()
+    return rotation_of_angles(*angles)

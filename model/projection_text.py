@@ -39,6 +39,7 @@ from fullsphere.model.surface import (
     Mosaic360,
     Range,
 )
+from fullsphere.model.yaw_pitch_roll import rotation_of_angles
 
 __all__ = ["PROJECTIONS_HELP", "Placed", "parse_projection"]
 
@@ -149,9 +150,7 @@ def _rotation(options: _Options, pitch: float = 0.0) -> FloatArray:
     ]
     if not any(angles):
         return np.eye(3)
-    from scipy.spatial.transform import Rotation  # its import takes as long as all the rest of a start
-
-    return np.asarray(Rotation.from_euler("YXZ", angles, degrees=True).as_matrix())
+    return rotation_of_angles(*angles)
 
 
 def _sides(text: str) -> tuple[int, int | None]:

@@ -83,18 +83,32 @@ def _pieces(y: FloatArray) -> FloatArray:
     Its slopes at the nodes come from a tridiagonal system; the third derivative does not jump at the second node and
     the last but one ("not a knot", de Boor 1978).
     """
-    from scipy.linalg import solve_banded  # scipy.interpolate's import would take as long as all the rest of a start
-
     rise = np.diff(y)
     right = np.empty(y.size)
     right[0], right[-1] = (5 * rise[0] + rise[1]) / 2, (5 * rise[-1] + rise[-2]) / 2
     right[1:-1] = 3 * (rise[:-1] + rise[1:])
-    bands = np.ones((3, y.size))
-    bands[1, 1:-1] = 4
-    bands[0, 1] = bands[2, -2] = 2
-    slope = solve_banded((1, 1), bands, right)
+    slope = _slopes(right)
     first, second = slope[:-1], slope[1:]
     return np.stack([y[:-1], first, 3 * rise - 2 * first - second, first + second - 2 * rise], -1)
+
+
+def _slopes(right: FloatArray) -> FloatArray:
+    """Solve the spline's system: rows (1, 2), then (1, 4, 1), at last (2, 1), whose diagonals outweigh what is beside.
+
+    Gauss' elimination without exchanges.  An import of scipy.linalg would take as long as all the rest of a start.
+    """
+    diagonal, above = np.full(right.size, 4.0), 2.0
+    diagonal[0] = diagonal[-1] = 1.0
+    slope = right.tolist()
+    for k in range(1, right.size):
+        factor = (2.0 if k == right.size - 1 else 1.0) / diagonal[k - 1]
+        diagonal[k] -= factor * above
+        slope[k] -= factor * slope[k - 1]
+        above = 1.0
+    slope[-1] /= diagonal[-1]
+    for k in range(right.size - 2, -1, -1):
+        slope[k] = (slope[k] - (2.0 if k == 0 else 1.0) * slope[k + 1]) / diagonal[k]
+    return np.array(slope)
 
 
 def _radius_over_sine(camera: Camera, theta: FloatArray) -> FloatArray:

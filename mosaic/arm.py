@@ -14,11 +14,11 @@ import dataclasses
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from fullsphere.model.camera import Camera
 from fullsphere.model.errors import UsageError
 from fullsphere.model.lens import FloatArray
+from fullsphere.model.yaw_pitch_roll import angles_of_rotation, rotation_of_angles
 from fullsphere.mosaic.project import Frame
 
 
@@ -83,8 +83,12 @@ class ArmTurn:
 def turned(angles: ArrayLike) -> FloatArray:
     """world_from_arm (..., 3, 3) at turn angles (...): Ry(a)."""
     angles = np.asarray(angles, float)
-    turn = Rotation.from_euler("y", angles.reshape(-1, 1)).as_matrix()
-    return turn.reshape(*angles.shape, 3, 3)
+    turn = np.zeros((*angles.shape, 3, 3))
+    turn[..., 0, 0] = turn[..., 2, 2] = np.cos(angles)
+    turn[..., 0, 2] = np.sin(angles)
+    turn[..., 2, 0] = -turn[..., 0, 2]
+    turn[..., 1, 1] = 1
+    return turn
 
 
 def positions(angles: ArrayLike) -> FloatArray:
@@ -95,9 +99,9 @@ def positions(angles: ArrayLike) -> FloatArray:
 
 def mount_of(yaw: float, pitch: float, roll: float) -> FloatArray:
     """camera_from_arm (3, 3) of a camera turned by yaw (right), pitch (up) and roll (clockwise) on its arm, radians."""
-    return Rotation.from_euler("YXZ", [yaw, pitch, roll]).as_matrix().T
+    return rotation_of_angles(*np.degrees([yaw, pitch, roll]).tolist()).T
 
 
 def mount_angles(mount: ArrayLike) -> FloatArray:
     """Yaw, pitch and roll (3,) of a mount, radians: the inverse of `mount_of`."""
-    return Rotation.from_matrix(np.asarray(mount, float).T).as_euler("YXZ")
+    return np.radians(angles_of_rotation(np.asarray(mount, float).T))

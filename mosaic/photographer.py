@@ -11,7 +11,6 @@ from typing import Protocol
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from fullsphere.model.camera import Camera
 from fullsphere.model.colour import encoded_from_linear
@@ -20,6 +19,7 @@ from fullsphere.model.lens import FloatArray
 from fullsphere.model.surface import Equirectangular
 from fullsphere.model.table import tabulate
 from fullsphere.model.workers import ordered_map
+from fullsphere.model.yaw_pitch_roll import rotation_of_angles
 
 _SAMPLES_AT_ONCE = 1 << 19  # bounds the memory of a strip to some tens of megabytes
 _BLUR_REACH = 4  # standard deviations: what lies further away weighs 6e-5
@@ -68,7 +68,7 @@ def turn(
     angles += random.normal(0.0, jitter_deg, angles.shape)
     exposures = random.uniform(-exposure_ev, exposure_ev, shots)
     exposures[0] = 0.0
-    camera_from_world = Rotation.from_euler("YXZ", angles, degrees=True).inv().as_matrix()
+    camera_from_world = [rotation_of_angles(*each).T for each in angles.tolist()]
     return tuple(
         Shot(r, float(ev), seed + 1 + i) for i, (r, ev) in enumerate(zip(camera_from_world, exposures, strict=True))
     )

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import TextIO
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fullsphere.model.errors import InputError
 from fullsphere.model.files import input_errors
 from fullsphere.model.lens import FloatArray
 from fullsphere.model.pose_metadata import ToldPose
+from fullsphere.model.yaw_pitch_roll import rotation_of_angles
 from fullsphere.mosaic.orientation_tag import turned_from_stored
 from fullsphere.mosaic.project import Frame
 
@@ -27,8 +27,7 @@ _DOWN = np.array([0.0, 1.0, 0.0])
 
 def camera_from_world(told: ToldPose) -> FloatArray:
     """Rotation (3, 3) from the level world that the angles count in; a yaw that is not known counts as 0."""
-    angles = [told.yaw_deg or 0.0, told.pitch_deg, told.roll_deg]
-    return np.asarray(Rotation.from_euler("YXZ", angles, degrees=True).inv().as_matrix())
+    return rotation_of_angles(told.yaw_deg or 0.0, told.pitch_deg, told.roll_deg).T
 
 
 def with_prior(frame: Frame, told: ToldPose | None, upright_turns: int = 0) -> Frame:

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fullsphere.model.camera import MAX_SIDE_PX
 from fullsphere.model.errors import CameraError, InputError
 from fullsphere.model.files import sha256_of
 from fullsphere.model.images import picture_profile
 from fullsphere.model.store import camera_from_dict
+from fullsphere.model.yaw_pitch_roll import rotation_of_angles
 from fullsphere.mosaic.loading import Crop, loader
 from fullsphere.mosaic.project import Frame
 from fullsphere.mosaic.pto_fit import FittedCamera, camera_of, clipped, difference_px
@@ -190,7 +190,7 @@ def _frame(line: PtoLine, file: Path, part: _Part, reference: float) -> Frame:
         white_balance=(_factor(line, "Er"), 1.0, _factor(line, "Eb")),
         exposure_ev=reference - line.number("Eev", 0.0, _EV) + 0.0,
         crop_px=part.crop,
-        prior=np.asarray(Rotation.from_euler("YXZ", angles, degrees=True).inv().as_matrix()),
+        prior=rotation_of_angles(*angles).T,
     )
 
 

@@ -11,7 +11,6 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.project import Frame
@@ -71,6 +70,8 @@ class Poses(NamedTuple):
 
 def poses_of(rotations: FloatArray, rig: Rig, group: NDArray[np.intp], cameras: int) -> Poses:
     """The poses of a rig of `cameras` nearest to rotations (n, 3, 3) that were found for each frame of `group`."""
+    from scipy.spatial.transform import Rotation  # its import takes long, and composing needs only what is above
+
     mounts = np.tile(np.eye(3), (cameras, 1, 1))
     for child, parent in rig.mount_tree(group):
         of = {

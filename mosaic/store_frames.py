@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fullsphere.model.camera import MAX_SIDE_PX, Camera
 from fullsphere.model.errors import InputError
@@ -17,6 +16,7 @@ from fullsphere.model.files import sha256_of
 from fullsphere.model.images import picture_profile, picture_size
 from fullsphere.model.json_values import demand_keys, list_of, number_of, numbers_of, object_of, text_of, whole_of
 from fullsphere.model.lens import FloatArray
+from fullsphere.model.yaw_pitch_roll import angles_of_rotation, rotation_of_angles
 from fullsphere.mosaic.camera_response import KNOTS, rises
 from fullsphere.mosaic.loading import Crop, load_merged, load_pixels
 from fullsphere.mosaic.masks import Mask, load_mask
@@ -56,8 +56,7 @@ def frames_from_list(values: Sequence[Any], cameras: Sequence[Camera], where: st
 
 def yaw_pitch_roll_deg(camera_from_world: FloatArray) -> tuple[float, float, float]:
     """Yaw (right), pitch (up) and roll (clockwise) in degrees: world_from_camera = Ry(yaw) Rx(pitch) Rz(roll)."""
-    yaw, pitch, roll = Rotation.from_matrix(camera_from_world.T).as_euler("YXZ", degrees=True)
-    return float(yaw), float(pitch), float(roll)
+    return angles_of_rotation(camera_from_world.T)
 
 
 def rotation_of(data: dict[str, Any], key: str, where: str) -> FloatArray:
@@ -254,7 +253,7 @@ def _rotation(data: dict[str, Any], where: str) -> FloatArray:
     demand_keys(data, where, _ANGLES, data)
     limits = {"yaw_deg": 360.0, "pitch_deg": 90.0, "roll_deg": 360.0}
     angles = [number_of(data, key, where, -most, most) for key, most in limits.items()]
-    by_angles = np.asarray(Rotation.from_euler("YXZ", angles, degrees=True).as_matrix().T)
+    by_angles = rotation_of_angles(*angles).T
     if "camera_from_world" not in data:
         return by_angles
     matrix = rotation_of(data, "camera_from_world", where)
