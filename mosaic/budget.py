@@ -20,7 +20,7 @@ _BANDS = 4  # of the panorama: one that is written, those that are computed ahea
 _PER_TILE_PX = 150  # bytes for a pixel of a tile that is computed
 _WHILE_OPENED = 4  # copies of a frame: decoded, in its colour space, with its border
 _OF_LIGHT = 3  # times as large is a frame that is merged of brackets
-_TILES = (512, 256, 128)
+_TILES = (256, 128)  # larger ones are no quicker, and the last band is written when nothing else is left to do
 _MOST_IN_BANDS = 1 << 27  # wider panoramas are made in lower bands
 
 

@@ -14,8 +14,6 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from fullsphere.model.lens import FloatArray
 from fullsphere.mosaic.seam_kernels import deviations, middle
@@ -173,8 +171,7 @@ def _regions(any_two: NDArray[np.int16], clear: NDArray[np.float32]) -> tuple[ND
             both[0 if shift > 0 else -1] = False
         pairs.append((a[both], b[both]))
     rows, columns = np.concatenate([p[0] for p in pairs]), np.concatenate([p[1] for p in pairs])
-    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(number, number))
-    _, joined = connected_components(graph, directed=False)
+    joined = _joined(number, rows, columns)
     clear_in = np.bincount(joined[region[any_two > clear]], minlength=int(joined.max()) + 1) >= _SMALLEST
     clear_in[joined[0]] = False
     names = np.cumsum(clear_in) * clear_in
@@ -193,3 +190,14 @@ def _each(regions: NDArray[np.int32], number: int) -> Iterator[tuple[NDArray[np.
 def _wrapped(image: NDArray[Any], columns: int) -> NDArray[Any]:
     """The picture with as many columns of its other side put to each side."""
     return np.concatenate([image[:, -columns:], image, image[:, :columns]], axis=1)
+
+
+def _joined(number: int, rows: NDArray[np.int32], columns: NDArray[np.int32]) -> NDArray[np.int32]:
+    """For each of so many regions the number (n,) of the one that it is a part of, by the pairs that are one."""
+    if not len(rows):
+        return np.arange(number, dtype=np.int32)
+    from scipy.sparse import coo_array  # their import takes as long as all the rest here, and is seldom needed
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(number, number))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int32)

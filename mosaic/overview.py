@@ -32,6 +32,7 @@ RIM = math.radians(0.7)
 _LARGEST, _SMALLEST = 1024, 256  # width of the working sphere
 _BYTES = 1 << 28  # that the overviews of all frames may take
 _WHITE = 0.985  # of the largest code: brighter pixels are clipped
+_BETWEEN = 256  # of so many angles from the axis what depends on nothing else is known
 _FAR = 0.3  # radians from rim and border at which a frame is worth half of what it is far from them
 _CLIPPED_WORTH = 0.1
 
@@ -128,12 +129,13 @@ def overview_of(
     map_u, map_v = (np.asarray(at, np.float32) for at in to_reduced)
     layers = np.dstack([reduced.light, reduced.seen])
     values = cv2.remap(layers, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    clipped = cv2.remap(reduced.clipped, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     inside &= values[..., 3] > 0.5
     share = np.maximum(values[..., 3:], np.float32(0.5))
     light[inside] = (values[..., :3] / share * gain.at(z))[inside]
     worth = _worth(camera, np.arccos(np.clip(z, -1, 1)), found.u, found.v, rim, finest)
-    worth = worth * (1 - (1 - _CLIPPED_WORTH) * clipped)
+    if reduced.clipped.any():
+        clipped = cv2.remap(reduced.clipped, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        worth = worth * (1 - (1 - _CLIPPED_WORTH) * clipped)
     quality[inside] = np.clip(worth, 1e-3, 1)[inside]
     return Overview(light, quality)
 
@@ -142,7 +144,8 @@ def _worth(
     camera: Camera, theta: FloatArray, u: NDArray[np.floating], v: NDArray[np.floating], rim: float, finest: float
 ) -> FloatArray:
     """How good a frame is at pixels seen at theta (h, w): by how finely it resolves, and how far in they are."""
-    scale = _density(camera, np.minimum(theta, rim))
+    some = np.linspace(0, rim, _BETWEEN)
+    scale = np.interp(theta, some, _density(camera, some))
     (width, height) = camera.size
     border = np.minimum(np.minimum(u, width - 1 - u), np.minimum(v, height - 1 - v)) / scale
     inwards = np.maximum(np.minimum(rim - theta, np.nan_to_num(border)), 0)

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fullsphere.model.camera import Camera
 from fullsphere.model.lens import FloatArray
@@ -66,7 +65,8 @@ def turning_things(
     if len(used) < _LEAST:
         return None
     scale = _middle_light([overviews[k] for k in used])
-    views = [_View(_coded(overviews[k], scale), np.asarray(camera_from_world[k])) for k in used]
+    coded = ordered_map(executor, lambda k: _coded(overviews[k], scale), used)
+    views = [_View(one, np.asarray(camera_from_world[k])) for one, k in zip(coded, used, strict=True)]
     width, height = camera.size
     factor = max(1.0, max(width, height) / _SIDE)
     small = (round(width / factor), round(height / factor))
@@ -113,11 +113,12 @@ def _compared(
 
     def compared(n: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         in_world = rays @ views[n].camera_from_world
-        own, less = _at(views[n].coded, in_world), []
+        places = _places(in_world, *views[n].coded.shape[:2])
+        own, less = _at(views[n].coded, places), []
         for k, other in enumerate(views):
             if k == n:
                 continue
-            values = own - _at(other.coded, in_world)
+            values = own - _at(other.coded, places)
             if things.any():
                 pixels = table.project(in_world, other.camera_from_world)
                 at = np.nan_to_num((pixels + 0.5) * ratio).astype(np.intp)
@@ -131,7 +132,7 @@ def _compared(
 
 
 def _middle_light(overviews: Sequence[Overview]) -> float:
-    lit = np.concatenate([one.light[one.seen].ravel()[::7] for one in overviews])
+    lit = np.concatenate([one.light[::3, ::3][one.seen[::3, ::3]].ravel() for one in overviews])
     return (float(np.median(lit)) if lit.size else 0.0) or 1.0
 
 
@@ -142,17 +143,28 @@ def _coded(one: Overview, scale: float) -> NDArray[np.float32]:
     return np.where(one.seen[..., None], coded, np.float32(np.nan))
 
 
-def _at(coded: NDArray[np.float32], rays: FloatArray) -> NDArray[np.float32]:
-    """The picture of the sphere (H, W, 3) along rays (h, w, 3), which are NaN where the camera does not look."""
-    height, width = coded.shape[:2]
+class _Places(NamedTuple):
+    """Columns and rows (h, w) of a padded picture of the sphere, and where there is none (h, w)."""
+
+    column: NDArray[np.float32]
+    row: NDArray[np.float32]
+    outside: NDArray[np.bool_]
+
+
+def _places(rays: FloatArray, height: int, width: int) -> _Places:
+    """Where a picture of the sphere shows rays (h, w, 3), which are NaN where the camera does not look."""
     outside = np.isnan(rays[..., 0])
     x, y, z = np.moveaxis(np.where(outside[..., None], (0.0, 0.0, 1.0), rays), -1, 0)
     column = (np.arctan2(x, z) / (2 * math.pi) + 0.5) * width - 0.5
     row = (0.5 + np.arcsin(np.clip(y, -1, 1)) / math.pi) * height - 0.5
-    padded = np.concatenate([coded[:, -1:], coded, coded[:, :1]], 1)
-    at = (column + 1).astype(np.float32), row.astype(np.float32)
-    values = np.asarray(cv2.remap(padded, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
-    values[outside] = np.nan
+    return _Places((column + 1).astype(np.float32), row.astype(np.float32), outside)
+
+
+def _at(coded: NDArray[np.float32], places: _Places) -> NDArray[np.float32]:
+    """The picture of the sphere (H, W, 3) at places (h, w); NaN where there is none."""
+    padded = cv2.copyMakeBorder(coded, 0, 0, 1, 1, cv2.BORDER_WRAP)
+    values = np.asarray(cv2.remap(padded, places.column, places.row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+    values[places.outside] = np.nan
     return values
 
 
@@ -214,7 +226,9 @@ def _hidden(zones: NDArray[np.int32], contradicted: NDArray[np.uint8], share: fl
     hidden[0] = False
     things = cv2.dilate(hidden[zones].astype(np.uint8), np.ones((3, 3), np.uint8))
     closed = cv2.morphologyEx(things, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
-    return np.asarray(ndimage.binary_fill_holes(closed), np.uint8)
+    around = cv2.copyMakeBorder(closed, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    cv2.floodFill(around, None, (0, 0), 2)  # from outside: holes are what it does not reach
+    return np.asarray(around[1:-1, 1:-1] != 2, np.uint8)
 
 
 def _wider(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
