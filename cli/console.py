@@ -102,7 +102,8 @@ def add_compression(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--compression",
         metavar="KIND",
-        help=".tif: lzw (default for 8 bits), zip, none; .exr: zip, piz, none, dwaa; .png: zip, none; .jpg: quality 1 to 100",
+        help=".tif: lzw (default for 8 bits), zip, none; .exr: zip, piz, none, dwaa; .png: zip, none; "
+        ".jpg: quality 1 to 100",
     )
 
 
