@@ -9,7 +9,6 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +21,7 @@ from fullsphere.model.surface import Equirectangular
 from fullsphere.model.workers import ordered_map
 from fullsphere.mosaic.frame_colour import common_profile
 from fullsphere.mosaic.frame_light import Gain, codes_of, gain_of
+from fullsphere.mosaic.overview_kernels import shown_on_sphere
 from fullsphere.mosaic.project import Frame, Mosaic
 from fullsphere.mosaic.shift import Shift
 from fullsphere.mosaic.small_light import small_light
@@ -32,7 +32,7 @@ RIM = math.radians(0.7)
 _LARGEST, _SMALLEST = 1024, 256  # width of the working sphere
 _BYTES = 1 << 28  # that the overviews of all frames may take
 _WHITE = 0.985  # of the largest code: brighter pixels are clipped
-_BETWEEN = 256  # of so many angles from the axis what depends on nothing else is known
+_ANGLES = 256  # from the axis at which it is known how finely a lens resolves
 _FAR = 0.3  # radians from rim and border at which a frame is worth half of what it is far from them
 _CLIPPED_WORTH = 0.1
 
@@ -121,35 +121,27 @@ def overview_of(
         found = Positions(*shift.moved(found.u, found.v, camera.size), all_seen=False)
     z = sphere.window_rays(slice(0, width), slice(0, height)) @ frame.camera_from_world[2]
     rim = camera.half_fov - RIM
-    inside = np.isfinite(found.u) & (z > math.cos(rim))
-    reduced = reduced_frame(frame, camera, _factor(camera, sphere), profile)
-    to_reduced = [
-        (np.where(inside, at, 0).astype(np.float32) + 0.5) / reduced.factor - 0.5 for at in (found.u, found.v)
-    ]
-    map_u, map_v = (np.asarray(at, np.float32) for at in to_reduced)
-    layers = np.dstack([reduced.light, reduced.seen])
-    values = cv2.remap(layers, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    inside &= values[..., 3] > 0.5
-    share = np.maximum(values[..., 3:], np.float32(0.5))
-    light[inside] = (values[..., :3] / share * gain.at(z))[inside]
-    worth = _worth(camera, np.arccos(np.clip(z, -1, 1)), found.u, found.v, rim, finest)
-    if reduced.clipped.any():
-        clipped = cv2.remap(reduced.clipped, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        worth = worth * (1 - (1 - _CLIPPED_WORTH) * clipped)
-    quality[inside] = np.clip(worth, 1e-3, 1)[inside]
+    small = reduced_frame(frame, camera, _factor(camera, sphere), profile)
+    shown_on_sphere(
+        found.u,
+        found.v,
+        z,
+        np.dstack([small.light, small.seen]),
+        small.clipped,
+        small.factor,
+        np.array(camera.size, float),
+        gain.factors,
+        gain.over_z,
+        gain.z_min,
+        rim,
+        _density(camera, np.linspace(0, rim, _ANGLES)),
+        finest,
+        _FAR,
+        _CLIPPED_WORTH,
+        light,
+        quality,
+    )
     return Overview(light, quality)
-
-
-def _worth(
-    camera: Camera, theta: FloatArray, u: NDArray[np.floating], v: NDArray[np.floating], rim: float, finest: float
-) -> FloatArray:
-    """How good a frame is at pixels seen at theta (h, w): by how finely it resolves, and how far in they are."""
-    some = np.linspace(0, rim, _BETWEEN)
-    scale = np.interp(theta, some, _density(camera, some))
-    (width, height) = camera.size
-    border = np.minimum(np.minimum(u, width - 1 - u), np.minimum(v, height - 1 - v)) / scale
-    inwards = np.maximum(np.minimum(rim - theta, np.nan_to_num(border)), 0)
-    return np.asarray(scale / finest * inwards / (inwards + _FAR))
 
 
 def _density(camera: Camera, theta: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import ndimage
 from turning import frames_of, orientation, ring, srgb8
 
 from fullsphere.model.camera import Camera
@@ -14,7 +15,7 @@ from fullsphere.model.lens import FloatArray, Perspective
 from fullsphere.model.surface import Equirectangular
 from fullsphere.model.workers import thread_pool
 from fullsphere.mosaic.overview import RIM, overviews, working_sphere
-from fullsphere.mosaic.overview_kernels import reduced_light
+from fullsphere.mosaic.overview_kernels import reduced_light, shown_on_sphere
 from fullsphere.mosaic.project import Mosaic, Picture
 from laws import fisheye, pixel_rays, smooth_light, smooth_panorama
 
@@ -131,3 +132,40 @@ def test_the_kernel_against_its_twin(dtype: type) -> None:
             np.testing.assert_allclose(light[j, i], values[cell][counts[cell]].mean(0), rtol=1e-5)
             bright = np.array((codes[cell][..., :3] >= 0.9 * whole).any(-1))[counts[cell]]
             assert clipped[j, i] == pytest.approx(bright.mean())
+
+
+def test_a_frame_on_the_sphere_is_what_its_slow_twin_shows() -> None:
+    rng = np.random.default_rng(4)
+    (high, wide), factor, rim, z_min = (30, 40), 3, 1.4, math.cos(1.5)
+    small, clipped = rng.random((high, wide, 4)).astype(np.float32), rng.random((high, wide)).astype(np.float32)
+    u, v = rng.uniform(-2, 3 * wide + 1, (60, 70)), rng.uniform(-2, 3 * high + 1, (60, 70))
+    u[rng.random(u.shape) < 0.2] = np.nan
+    z = rng.uniform(-1, 1, u.shape)
+    factors, over_z = np.array([1.1, 1.0, 0.9], np.float32), rng.uniform(1, 2, 9).astype(np.float32)
+    density = rng.uniform(50, 80, 7)
+    light, quality = np.zeros((*u.shape, 3), np.float32), np.zeros(u.shape, np.float32)
+    size = np.array([3.0 * wide, 3.0 * high])
+    shown_on_sphere(
+        u, v, z, small, clipped, factor, size, factors, over_z, z_min, rim, density, 90.0, 0.3, 0.1, light, quality
+    )
+
+    at = [np.clip((np.nan_to_num(x) + 0.5) / factor - 0.5, 0, n - 1) for x, n in ((u, wide), (v, high))]
+    values = map_coordinates_of(np.dstack([small, clipped]).astype(float), at[1], at[0])
+    seen = np.isfinite(u) & (z > math.cos(rim)) & (values[..., 3] > 0.5)
+    gain = np.interp(z, np.linspace(z_min, 1, 9), over_z)[..., None] * factors
+    theta = np.arccos(z)
+    scale = np.interp(theta, np.linspace(0, rim, 7), density)
+    border = np.minimum(np.minimum(u, size[0] - 1 - u), np.minimum(v, size[1] - 1 - v)) / scale
+    inwards = np.maximum(np.minimum(rim - theta, border), 0)
+    worth = scale / 90 * inwards / (inwards + 0.3) * (1 - 0.9 * values[..., 4])
+    assert seen.sum() > 500
+    np.testing.assert_allclose(light[seen], (values[..., :3] / values[..., 3:4] * gain)[seen], rtol=1e-5)
+    np.testing.assert_allclose(quality[seen], np.clip(worth, 1e-3, 1)[seen], rtol=1e-5)
+    assert not light[~seen].any()
+    assert not quality[~seen].any()
+
+
+def map_coordinates_of(picture: FloatArray, rows: FloatArray, columns: FloatArray) -> FloatArray:
+    """A picture (h, w, c) between its pixels."""
+    layers = [ndimage.map_coordinates(picture[..., c], [rows, columns], order=1) for c in range(picture.shape[2])]
+    return np.stack(layers, -1)
