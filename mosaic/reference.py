@@ -91,7 +91,7 @@ def reference_ev(mosaic: Mosaic, exposure: Exposure, overviews: Sequence[Overvie
     -------
     0, but for "auto" where more than a thousandth of the sphere, by what unclipped pixels show, is above white.
     """
-    if exposure.by != "auto" or not overviews:
+    if exposure.by != "auto" or not any(seen.light.max() > 1 for seen in overviews):
         return 0.0
     brightest, seen = _highlights(mosaic, overviews)
     if not seen.any():
